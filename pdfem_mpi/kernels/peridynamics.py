@@ -1,0 +1,430 @@
+"""Bond forces of the peridynamic points: response (2), stretch (3), failure (4), force density (14).
+
+**Table.** Point data stand in ``S[cluster][9][4]``: displacement ``u``, ``z`` and force, each with components x, y, z
+over the four points of the cluster. Finite kinematics use ``z = 2 x + u``, linear kinematics ``z = x``.
+
+**Finite.** With ``xi = x_j - x_i``, ``eta = u_j - u_i`` (the paper prints eta with the other sign) and ``d = z_j - z_i =
+2 xi + eta``::
+
+    e   = (eta . d) / |xi|^2                    (1 + s)^2 = 1 + e, eq. (3) without cancellation or square root
+    phi = 1 - (1 + e)^(-1/2)                    a series in e up to e^5, or e / ((1 + e) + sqrt(1 + e))
+    f   = K phi (d + eta),  K = 1/2 c exp(-r0^2) g_ij w_i w_j / r0        eq. (2) times both volumes
+
+and ``f`` is added to i and taken from j. The series is used while ``|e| <= SERIES_LIMIT`` on every bond of every rank;
+its relative error is about ``0.45 |e|^5``, 4e-10 at the limit and 1e-14 at a stretch of 1e-3.
+
+**Linear.** ``f = K' (eta . xi) xi`` with ``K' = c exp(-r0^2) g_ij w_i w_j / r0^3``, the tangent at the undeformed state.
+
+**Failure (4).** ``s > s_0`` is ``e > (1 + s_0)^2 - 1``. The row loop keeps the largest ``e`` of a point; if it passed the
+limit, the rows are visited again, the forces of the broken bonds are taken back and their stored numbers set to 0,
+so that a broken bond is a slot without a bond.
+
+**Sums.** Each component ``p`` of a bond's force is rounded once to a multiple of the quantum ``q`` by ``fma(f, d, M)``,
+``M = 1.5 * 2**52 q``, and the bit patterns are added as integers: exact, in any order, while ``|p| < 2**51 q``
+for each single bond (integers wrap harmlessly in between). The rounding error of a point's force is at most
+``q / 2`` a bond and ``q <= 2**-49`` of the largest bond force admitted by the bound; taking back a force is exact.
+"""
+
+import numpy as np
+from numba import njit, types
+
+from pdfem_mpi.kernels.simd import (
+    W, above, both, fma, hmax, hmin, iadd, ihsum, isub, lanes, largest, load, magnitude, root, smallest, splat, store,
+)  # fmt: skip
+
+#: Coefficients of ``phi / e = 1/2 - 3/8 e + ...``
+SERIES = (1 / 2, -3 / 8, 5 / 16, -35 / 128, 63 / 256)
+#: Largest ``|e|`` for which the series is used.
+SERIES_LIMIT = 2.0**-6
+#: ``1 + e`` of a bond compressed to nothing is held at this value (a thousandth of its length).
+SMALLEST_SQUARE = 1e-6
+
+u8 = np.uint64
+_0, _1, _STEP = u8(0), u8(1), u8(2 * W)
+_V1, _V2, _V3, _V4, _V5, _V6, _V7, _V8 = (u8(W * k) for k in range(1, 9))
+_options = dict(cache=True, nogil=True, boundscheck=False, error_model="numpy")
+
+
+def constants(critical_e, pattern):
+    """Numbers the sweeps read as full vectors: five coefficients, limit of ``e``, ``M``, 1 and the smallest square.
+
+    Parameters
+    ----------
+    critical_e : float
+        ``(1 + s_0)^2 - 1``, or infinity.
+    pattern : float
+        ``M = 1.5 * 2**52 * quantum``.
+
+    Returns
+    -------
+    float64, shape (36,)
+    """
+    return np.repeat(np.array((*SERIES, critical_e, pattern, 1.0, SMALLEST_SQUARE)), W)
+
+
+@njit(inline="always")
+def _series(e, table):
+    """``phi(e)`` by its series."""
+    e2 = e * e
+    high = fma(e2, load(table, _V4), fma(load(table, _V3), e, load(table, _V2)))
+    return e * fma(e2, high, fma(load(table, _V1), e, load(table, _0)))
+
+
+@njit(inline="always")
+def _closed(e, table):
+    """``phi(e)`` in closed form, for large stretch and compression."""
+    square = largest(load(table, _V7) + e, load(table, _V8))
+    return (square - load(table, _V7)) / (square + root(square))
+
+
+def _finite_sweep(closed, failing):
+    """Build the sweep with ``phi`` in closed form or as a series, with or without failure.
+
+    The two flags are constants to the compiler (a compiled function as a free variable could not be cached).
+    """
+
+    @njit(**_options)
+    def add_bond_forces(first, last, row_start, row_offset, row_data, S, SI, table, extremes):
+        """Add the force of every bond of the rows of points ``first:last`` to both of its points (eqs 2-4, 14).
+
+        Parameters
+        ----------
+        first, last : int
+            Range of owned points.
+        row_start : int64, shape (n_points + 1,)
+        row_offset : uint32, shape (n_rows + 1,)
+        row_data : float32, shape ((n_rows + 1) * 8,)
+            ``K`` and ``1 / r0^2`` of the four slots; zeroed for bonds that break.
+        S, SI : float64, int64, shape (n_clusters * 36,)
+            The table and its view as integers; force rows are added to.
+        table : float64, shape (36,)
+            From `constants`.
+        extremes : float64, shape (2,)
+            Largest and smallest ``e`` met on intact bonds; widened.
+
+        Returns
+        -------
+        int
+            Number of bonds that broke.
+        """
+        zero = splat(0.0)
+        peak = splat(extremes[0])
+        floor = splat(extremes[1])
+        count = 0
+        for i in range(first, last):
+            r = u8(row_start[i])
+            end = u8(row_start[i + 1])
+            if end <= r:
+                continue
+            c = i // W
+            own = c * 9 * W + (i - c * W)
+            ux = splat(S[own])
+            uy = splat(S[own + W])
+            uz = splat(S[own + 2 * W])
+            zx = splat(S[own + 3 * W])
+            zy = splat(S[own + 4 * W])
+            zz = splat(S[own + 5 * W])
+            fx = zero
+            fy = zero
+            fz = zero
+            top = zero
+            # e of the first row; later the e of the next row is computed while this row's force is scattered
+            b = u8(row_offset[r])
+            o = r * _STEP
+            dx = load(S, b) - ux
+            gx = load(S, b + _V3) - zx
+            dy = load(S, b + _V1) - uy
+            gy = load(S, b + _V4) - zy
+            dz = load(S, b + _V2) - uz
+            gz = load(S, b + _V5) - zz
+            e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + _V1)
+            gx = gx + dx
+            gy = gy + dy
+            gz = gz + dz
+            while r < end:
+                r += _1  # past the last row this reads harmless numbers, hence one padding row
+                b_next = u8(row_offset[r])
+                o_next = o + _STEP
+                dx = load(S, b_next) - ux
+                hx = load(S, b_next + _V3) - zx
+                dy = load(S, b_next + _V1) - uy
+                hy = load(S, b_next + _V4) - zy
+                dz = load(S, b_next + _V2) - uz
+                hz = load(S, b_next + _V5) - zz
+                e_next = fma(dx, hx, fma(dy, hy, dz * hz)) * load(row_data, o_next + _V1)
+                hx = hx + dx
+                hy = hy + dy
+                hz = hz + dz
+                top = largest(e, top)
+                floor = smallest(e, floor)
+                f = load(row_data, o) * (_closed(e, table) if closed else _series(e, table))
+                M = load(table, _V6)
+                px = fma(f, gx, M)
+                py = fma(f, gy, M)
+                pz = fma(f, gz, M)
+                fx = iadd(fx, px)
+                fy = iadd(fy, py)
+                fz = iadd(fz, pz)
+                store(S, b + _V6, isub(load(S, b + _V6), px))
+                store(S, b + _V7, isub(load(S, b + _V7), py))
+                store(S, b + _V8, isub(load(S, b + _V8), pz))
+                e = e_next
+                gx = hx
+                gy = hy
+                gz = hz
+                b = b_next
+                o = o_next
+            if failing and lanes(above(top, load(table, _V5))) != 0:
+                # rare: some bond of this point has passed the critical stretch
+                top = zero
+                for row in range(u8(row_start[i]), end):
+                    b = u8(row_offset[row])
+                    o = u8(row) * _STEP
+                    dx = load(S, b) - ux
+                    dy = load(S, b + _V1) - uy
+                    dz = load(S, b + _V2) - uz
+                    gx = load(S, b + _V3) - zx
+                    gy = load(S, b + _V4) - zy
+                    gz = load(S, b + _V5) - zz
+                    e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + _V1)
+                    broken = above(e, load(table, _V5))
+                    if lanes(broken) == 0:
+                        top = largest(e, top)
+                        continue
+                    M = load(table, _V6)
+                    f = both(load(row_data, o) * (_closed(e, table) if closed else _series(e, table)), broken)
+                    px = isub(fma(f, gx + dx, M), M)
+                    py = isub(fma(f, gy + dy, M), M)
+                    pz = isub(fma(f, gz + dz, M), M)
+                    fx = isub(fx, px)
+                    fy = isub(fy, py)
+                    fz = isub(fz, pz)
+                    store(S, b + _V6, iadd(load(S, b + _V6), px))
+                    store(S, b + _V7, iadd(load(S, b + _V7), py))
+                    store(S, b + _V8, iadd(load(S, b + _V8), pz))
+                    top = largest(isub(e, both(e, broken)), top)  # e of the intact lanes, 0 on the broken
+                    for lane in range(W):
+                        if (lanes(broken) >> lane) & 1 and row_data[o + u8(lane)] != 0:
+                            row_data[o + u8(lane)] = 0
+                            row_data[o + u8(W + lane)] = 0
+                            count += 1
+            peak = largest(top, peak)
+            SI[own + 6 * W] += ihsum(fx)
+            SI[own + 7 * W] += ihsum(fy)
+            SI[own + 8 * W] += ihsum(fz)
+        extremes[0] = hmax(peak)
+        extremes[1] = hmin(floor)
+        return count
+
+    return add_bond_forces
+
+
+add_forces_series = _finite_sweep(closed=False, failing=False)
+add_forces_closed = _finite_sweep(closed=True, failing=False)
+add_forces_series_failing = _finite_sweep(closed=False, failing=True)
+add_forces_closed_failing = _finite_sweep(closed=True, failing=True)
+
+
+@njit(**_options)
+def add_forces_linear(first, last, row_start, row_offset, row_data, S, SI, table, extremes):
+    """Add the linearised bond forces ``K' (eta . xi) xi`` of the rows of points ``first:last``.
+
+    Parameters are those of the finite sweep, with one number a slot (``row_data`` of shape ((n_rows + 1) * 4,)),
+    positions in rows 3-5 of the table, and ``extremes`` those of ``K' (eta . xi)``, force / length: a component
+    of a bond's force is at most that times the longest bond.
+
+    Returns
+    -------
+    int
+        0: linear sweeps break nothing.
+    """
+    zero = splat(0.0)
+    peak = splat(extremes[0])
+    floor = splat(extremes[1])
+    for i in range(first, last):
+        r = u8(row_start[i])
+        end = u8(row_start[i + 1])
+        if end <= r:
+            continue
+        c = i // W
+        own = c * 9 * W + (i - c * W)
+        ux = splat(S[own])
+        uy = splat(S[own + W])
+        uz = splat(S[own + 2 * W])
+        zx = splat(S[own + 3 * W])
+        zy = splat(S[own + 4 * W])
+        zz = splat(S[own + 5 * W])
+        fx = zero
+        fy = zero
+        fz = zero
+        b = u8(row_offset[r])
+        gx = load(S, b + _V3) - zx
+        gy = load(S, b + _V4) - zy
+        gz = load(S, b + _V5) - zz
+        f = fma(load(S, b) - ux, gx, fma(load(S, b + _V1) - uy, gy, (load(S, b + _V2) - uz) * gz))
+        f = f * load(row_data, r * _V1)
+        while r < end:
+            r += _1
+            b_next = u8(row_offset[r])
+            hx = load(S, b_next + _V3) - zx
+            hy = load(S, b_next + _V4) - zy
+            hz = load(S, b_next + _V5) - zz
+            f_next = fma(
+                load(S, b_next) - ux, hx, fma(load(S, b_next + _V1) - uy, hy, (load(S, b_next + _V2) - uz) * hz)
+            )
+            f_next = f_next * load(row_data, r * _V1)
+            peak = largest(f, peak)
+            floor = smallest(f, floor)
+            M = load(table, _V6)
+            px = fma(f, gx, M)
+            py = fma(f, gy, M)
+            pz = fma(f, gz, M)
+            fx = iadd(fx, px)
+            fy = iadd(fy, py)
+            fz = iadd(fz, pz)
+            store(S, b + _V6, isub(load(S, b + _V6), px))
+            store(S, b + _V7, isub(load(S, b + _V7), py))
+            store(S, b + _V8, isub(load(S, b + _V8), pz))
+            f = f_next
+            gx = hx
+            gy = hy
+            gz = hz
+            b = b_next
+        SI[own + 6 * W] += ihsum(fx)
+        SI[own + 7 * W] += ihsum(fy)
+        SI[own + 8 * W] += ihsum(fz)
+    extremes[0] = hmax(peak)
+    extremes[1] = hmin(floor)
+    return 0
+
+
+@njit(**_options)
+def load_displacements(u, x, S, n_clusters, finite):
+    """Write ``u`` into rows 0-2 of the first clusters and, for finite kinematics, ``z = 2 x + u`` into rows 3-5.
+
+    Parameters
+    ----------
+    u : float64, shape (n_clusters * 12,), dimension length
+        Cluster layout.
+    x : float64, shape (>= n_clusters * 12,), dimension length
+    S : float64, shape (>= n_clusters * 36,)
+    """
+    for c in range(n_clusters):
+        for k in range(3 * W):
+            S[36 * c + k] = u[12 * c + k]
+        if finite:
+            for k in range(3 * W):
+                S[36 * c + 12 + k] = 2.0 * x[12 * c + k] + u[12 * c + k]
+
+
+@njit(**_options)
+def complete_z(first, last, x, S):
+    """``z = 2 x + u`` for the clusters ``first:last`` whose ``u`` came from elsewhere (overlap, ghosts)."""
+    for c in range(first, last):
+        for k in range(3 * W):
+            S[36 * c + 12 + k] = 2.0 * x[12 * c + k] + S[36 * c + k]
+
+
+@njit(**_options)
+def reset_forces(SI, excess, pattern_bits):
+    """Start the integer forces so that after the sweeps they are multiples of the quantum.
+
+    A row adds ``bits(M)`` four times to its point and takes it once from each point of its cluster; the start value
+    takes these patterns back.
+
+    Parameters
+    ----------
+    SI : int64, shape (n_clusters * 36,)
+        Rows 6-8 are overwritten.
+    excess : int64, shape (n_clusters * 4,)
+        Patterns added minus patterns taken, by point.
+    pattern_bits : int
+        ``bits(M)``.
+    """
+    for c in range(excess.size // W):
+        for d in range(6, 9):
+            for k in range(W):
+                SI[36 * c + W * d + k] = -excess[W * c + k] * pattern_bits
+
+
+@njit(**_options)
+def read_forces(SI, quantum, external, force):
+    """Residual force of the first clusters, ``external + quantum * integers`` (eq. 14, times the volumes).
+
+    Parameters
+    ----------
+    SI : int64, shape (n_clusters * 36,)
+    quantum : float, dimension force
+    external, force : float64, shape (n_free_clusters * 12,), dimension force
+        Cluster layout; ``force`` is overwritten.
+    """
+    for c in range(force.size // 12):
+        for k in range(3 * W):
+            force[12 * c + k] = external[12 * c + k] + quantum * SI[36 * c + 24 + k]
+
+
+@njit(**_options)
+def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite):
+    """Add each bond's share of the fictitious mass (eq. 11, with g_ij in it) to both points.
+
+    Component d of a point receives ``1/2 c exp(-r0^2) g_ij w_i w_j |n_d| / r0`` from each of its bonds; the largest of
+    the three sums is ``lambda_i w_i``.
+
+    Parameters
+    ----------
+    row_start, row_offset, row_data
+        Rows as in the sweeps.
+    S, SI : float64, int64, shape (n_clusters * 36,)
+        Positions in rows 3-5; patterns are added to rows 6-8.
+    pattern : float
+        ``M``; each term must stay below ``2**51`` quanta.
+    finite : bool
+    """
+    M = splat(pattern)
+    half = splat(0.5)
+    stride = 2 * W if finite else W
+    for i in range(row_start.size - 1):
+        c = i // W
+        own = c * 9 * W + (i - c * W)
+        sx = splat(0.0)
+        sy = splat(0.0)
+        sz = splat(0.0)
+        for row in range(row_start[i], row_start[i + 1]):
+            b = np.int64(row_offset[row])
+            dx = magnitude(load(S, b + 3 * W) - splat(S[own + 3 * W]))
+            dy = magnitude(load(S, b + 4 * W) - splat(S[own + 4 * W]))
+            dz = magnitude(load(S, b + 5 * W) - splat(S[own + 5 * W]))
+            k = load(row_data, row * stride)
+            if finite:
+                k = k * root(load(row_data, row * stride + W))
+            else:
+                k = half * k * root(fma(dx, dx, fma(dy, dy, dz * dz)))
+            px = fma(k, dx, M)
+            py = fma(k, dy, M)
+            pz = fma(k, dz, M)
+            sx = iadd(sx, px)
+            sy = iadd(sy, py)
+            sz = iadd(sz, pz)
+            store(S, b + 6 * W, iadd(load(S, b + 6 * W), px))
+            store(S, b + 7 * W, iadd(load(S, b + 7 * W), py))
+            store(S, b + 8 * W, iadd(load(S, b + 8 * W), pz))
+        SI[own + 6 * W] += ihsum(sx)
+        SI[own + 7 * W] += ihsum(sy)
+        SI[own + 8 * W] += ihsum(sz)
+
+
+_f8, _i8, _int, _real = types.float64[::1], types.int64[::1], types.int64, types.float64
+_rows = (_i8, types.uint32[::1], types.float32[::1])
+_sweep = _int(_int, _int, *_rows, _f8, _i8, _f8, _f8)
+SIGNATURES = {
+    add_forces_series: _sweep,
+    add_forces_closed: _sweep,
+    add_forces_series_failing: _sweep,
+    add_forces_closed_failing: _sweep,
+    add_forces_linear: _sweep,
+    load_displacements: types.void(_f8, _f8, _f8, _int, types.boolean),
+    complete_z: types.void(_int, _int, _f8, _f8),
+    reset_forces: types.void(_i8, _i8, _int),
+    read_forces: types.void(_i8, _real, _f8, _f8),
+    add_densities: types.void(*_rows, _f8, _i8, _real, types.boolean),
+}

@@ -1,0 +1,81 @@
+"""Adaptive dynamic relaxation, pointwise: the sums of eq. (31) with (32), and central differences (33)-(35).
+
+Vectors are the flat owned unknowns of a rank. Sums are exact (`exact_sums`): their value is the correctly rounded sum
+of the float64 terms on any number of ranks.
+"""
+
+import numpy as np
+from numba import njit, types
+
+from pdfem_mpi.kernels.exact_sums import BLOCK, add_terms
+
+
+@njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
+def add_damping_sums(u, v, force, previous_force, inverse_mass, external, sums):
+    """Add this rank's terms of the five global sums of an iteration.
+
+    ``U^T K U`` with the local stiffness (32) ``K_ii = -(F_i^n - F_i^(n-1)) / (m_i v_i)``, 0 where ``v_i = 0`` or the
+    ratio is not finite; ``U^T U``; the square of the residual force over the unknowns that are free to move
+    (``1 / m_i > 0``); that of the external force; and that of the reactions, the force on the others.
+
+    Parameters
+    ----------
+    u, v, force, previous_force, inverse_mass, external : float64, shape (n,)
+        Dimensions length, length (the time step is 1), force, force, length / force, force.
+    sums : int64, shape (5, exact_sums.SIZE)
+        Added to.
+    """
+    stiffness = np.empty(BLOCK)
+    square = np.empty(BLOCK)
+    residual = np.empty(BLOCK)
+    load = np.empty(BLOCK)
+    reaction = np.empty(BLOCK)
+    n = u.size
+    for start in range(0, n, BLOCK):
+        m = min(BLOCK, n - start)
+        for k in range(m):
+            i = start + k
+            change = -(force[i] - previous_force[i]) * inverse_mass[i]
+            ratio = change / v[i] if v[i] != 0.0 else 0.0
+            ratio = ratio if abs(ratio) < np.inf else 0.0
+            square[k] = u[i] * u[i]
+            stiffness[k] = square[k] * ratio
+            free = inverse_mass[i] > 0.0
+            residual[k] = force[i] * force[i] if free else 0.0
+            load[k] = external[i] * external[i]
+            reaction[k] = 0.0 if free else force[i] * force[i]
+        add_terms(stiffness, m, sums[0])
+        add_terms(square, m, sums[1])
+        add_terms(residual, m, sums[2])
+        add_terms(load, m, sums[3])
+        add_terms(reaction, m, sums[4])
+
+
+@njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
+def advance(u, v, force, previous_force, inverse_mass, damping, first):
+    """One step of central differences with a time step of 1: eqs (33), (34); the first step is eq. (35).
+
+    Parameters
+    ----------
+    u, v, previous_force : float64, shape (n,)
+        Overwritten: displacement, velocity at the half step, and ``force``.
+    force, inverse_mass : float64, shape (n,)
+    damping : float
+        ``c_n``.
+    first : bool
+        Start from rest: ``v^(1/2) = 1/2 M^-1 F^0``.
+    """
+    for i in range(u.size):
+        if first:
+            v[i] = 0.5 * inverse_mass[i] * force[i]
+        else:
+            v[i] = ((2.0 - damping) * v[i] + 2.0 * inverse_mass[i] * force[i]) / (2.0 + damping)
+        u[i] += v[i]
+        previous_force[i] = force[i]
+
+
+_f8 = types.float64[::1]
+SIGNATURES = {
+    add_damping_sums: types.void(_f8, _f8, _f8, _f8, _f8, _f8, types.int64[:, ::1]),
+    advance: types.void(_f8, _f8, _f8, _f8, _f8, types.float64, types.boolean),
+}

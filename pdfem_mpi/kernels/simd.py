@@ -1,0 +1,295 @@
+"""Four float64 numbers as one value inside compiled functions (256-bit SIMD).
+
+No operation carries a fast-math flag and every fused multiply-add is written out, so the compiled code does
+exactly the written operations: the bits of a result do not depend on the lane, on the place in a list, or on
+how the compiler copies a loop. That is what makes results equal on any number of ranks.
+
+With ``NUMBA_DISABLE_JIT=1`` the same names work on numpy arrays of four numbers, slowly and with bounds
+checked (``fma`` then rounds twice, so the last bits differ from compiled code).
+
+The order-independent sums use *bit patterns*: for ``M = 1.5 * 2**52 * quantum`` the pattern of ``p + M`` is
+``bits(M) + round(p / quantum)`` while ``|p| < 2**51 * quantum``, and 64-bit integers add in any order.
+"""
+
+import operator
+
+import numba
+import numpy as np
+
+W = 4  #: lanes
+PATTERN = 1.5 * 2.0**52  #: M / quantum
+
+if numba.config.DISABLE_JIT:
+
+    def load(array, index):
+        """Four consecutive entries of a flat float64 or float32 array."""
+        start = int(index)
+        if start < 0 or start + W > array.size:
+            raise IndexError(f"lanes {start}:{start + W} of an array of {array.size}")
+        return array[start : start + W].astype(np.float64)
+
+    def store(array, index, v):
+        """Write four consecutive entries of a flat float64 array."""
+        start = int(index)
+        if start < 0 or start + W > array.size:
+            raise IndexError(f"lanes {start}:{start + W} of an array of {array.size}")
+        array[start : start + W] = v
+
+    def splat(x):
+        """The number ``x`` in all lanes."""
+        return np.full(W, x)
+
+    def fma(x, y, z):
+        """``x * y + z``."""
+        return x * y + z
+
+    def fnma(x, y, z):
+        """``z - x * y``."""
+        return z - x * y
+
+    def root(x):
+        """Square root."""
+        return np.sqrt(x)
+
+    def iadd(x, y):
+        """Sum of the bit patterns as integers."""
+        return (x.view(np.int64) + y.view(np.int64)).view(np.float64)
+
+    def isub(x, y):
+        """Difference of the bit patterns as integers."""
+        return (x.view(np.int64) - y.view(np.int64)).view(np.float64)
+
+    def both(x, mask):
+        """``x`` where the mask is set, else 0."""
+        return (x.view(np.int64) & mask.view(np.int64)).view(np.float64)
+
+    def magnitude(x):
+        """Absolute value."""
+        return np.abs(x)
+
+    def largest(x, y):
+        """Lane by lane ``x if x > y else y``."""
+        return np.where(x > y, x, y)
+
+    def smallest(x, y):
+        """Lane by lane ``x if x < y else y``."""
+        return np.where(x < y, x, y)
+
+    def above(x, y):
+        """Lane mask of ``x > y``."""
+        return np.where(x > y, np.int64(-1), np.int64(0)).view(np.float64)
+
+    def lanes(mask):
+        """Integer whose bit k is the sign bit of lane k."""
+        return int(sum(1 << k for k in range(W) if mask.view(np.int64)[k] < 0))
+
+    def hmax(v):
+        """Largest of the four lanes."""
+        return float(v.max())
+
+    def hmin(v):
+        """Smallest of the four lanes."""
+        return float(v.min())
+
+    def hsum(v):
+        """``(v0 + v1) + (v2 + v3)``."""
+        return float((v[0] + v[1]) + (v[2] + v[3]))
+
+    def ihsum(v):
+        """Integer sum of the four bit patterns (wraps)."""
+        return v.view(np.int64).sum()
+
+    def bits(x):
+        """Bit pattern of a float64 as int64."""
+        return np.float64(x).view(np.int64)
+
+else:
+    from llvmlite import ir
+    from numba import types
+    from numba.core import cgutils
+    from numba.extending import intrinsic, models, overload, register_model
+
+    _F, _I, _B = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
+    _VF, _VI = ir.VectorType(_F, W), ir.VectorType(_I, W)
+
+    class Vec(types.Type):
+        """Numba type of a value of four float64."""
+
+        def __init__(self):
+            super().__init__(name="v4f64")
+
+    V4 = Vec()
+
+    @register_model(Vec)
+    class _VecModel(models.PrimitiveModel):
+        def __init__(self, dmm, fe_type):
+            super().__init__(dmm, fe_type, _VF)
+
+    def _address(context, builder, array_type, array, index, vector):
+        data = builder.gep(context.make_array(array_type)(context, builder, array).data, [index])
+        return builder.bitcast(data, vector.as_pointer())
+
+    @intrinsic
+    def load(typingctx, array, index):
+        """Four consecutive entries of a flat float64 or float32 array (widened)."""
+
+        def codegen(context, builder, sig, args):
+            single = sig.args[0].dtype is types.float32
+            vector = ir.VectorType(ir.FloatType(), W) if single else _VF
+            v = builder.load(_address(context, builder, sig.args[0], args[0], args[1], vector))
+            v.align = 4 if single else 8
+            return builder.fpext(v, _VF) if single else v
+
+        return V4(array, types.intp), codegen
+
+    @intrinsic
+    def store(typingctx, array, index, v):
+        """Write four consecutive entries of a flat float64 array."""
+
+        def codegen(context, builder, sig, args):
+            s = builder.store(args[2], _address(context, builder, sig.args[0], args[0], args[1], _VF))
+            s.align = 8
+            return context.get_dummy_value()
+
+        return types.void(array, types.intp, v), codegen
+
+    @intrinsic
+    def splat(typingctx, x):
+        """The number ``x`` in all lanes."""
+
+        def codegen(context, builder, sig, args):
+            v = builder.insert_element(ir.Constant(_VF, ir.Undefined), args[0], ir.Constant(_B, 0))
+            return builder.shuffle_vector(v, v, ir.Constant(ir.VectorType(_B, W), [0] * W))
+
+        return V4(types.float64), codegen
+
+    def _binary(name):
+        @intrinsic
+        def operation(typingctx, x, y):
+            def codegen(context, builder, sig, args):
+                return getattr(builder, name)(args[0], args[1])
+
+            return x(x, x), codegen
+
+        return operation
+
+    def _register(python_operator, operation):
+        def implementation(x, y):
+            if isinstance(x, Vec) and isinstance(y, Vec):
+                return lambda x, y: operation(x, y)
+
+        overload(python_operator)(implementation)
+
+    for _operator, _name in (
+        (operator.add, "fadd"),
+        (operator.sub, "fsub"),
+        (operator.mul, "fmul"),
+        (operator.truediv, "fdiv"),
+    ):
+        _register(_operator, _binary(_name))
+
+    def _call(builder, name, *args):
+        signature = ir.FunctionType(_VF, [_VF] * len(args))
+        return builder.call(cgutils.get_or_insert_function(builder.module, signature, f"llvm.{name}.v4f64"), args)
+
+    @intrinsic
+    def fma(typingctx, x, y, z):
+        """``x * y + z``, rounded once."""
+
+        def codegen(context, builder, sig, args):
+            return _call(builder, "fma", *args)
+
+        return x(x, x, x), codegen
+
+    @intrinsic
+    def fnma(typingctx, x, y, z):
+        """``z - x * y``, rounded once."""
+
+        def codegen(context, builder, sig, args):
+            return _call(builder, "fma", builder.fneg(args[0]), args[1], args[2])
+
+        return x(x, x, x), codegen
+
+    def _unary(name):
+        @intrinsic
+        def operation(typingctx, x):
+            def codegen(context, builder, sig, args):
+                return _call(builder, name, args[0])
+
+            return x(x), codegen
+
+        return operation
+
+    root, magnitude = _unary("sqrt"), _unary("fabs")
+
+    def _integer(name):
+        @intrinsic
+        def operation(typingctx, x, y):
+            def codegen(context, builder, sig, args):
+                result = getattr(builder, name)(builder.bitcast(args[0], _VI), builder.bitcast(args[1], _VI))
+                return builder.bitcast(result, _VF)
+
+            return x(x, x), codegen
+
+        return operation
+
+    iadd, isub, both = _integer("add"), _integer("sub"), _integer("and_")
+
+    def _select(comparison):
+        @intrinsic
+        def operation(typingctx, x, y):
+            def codegen(context, builder, sig, args):
+                return builder.select(builder.fcmp_ordered(comparison, args[0], args[1]), args[0], args[1])
+
+            return x(x, x), codegen
+
+        return operation
+
+    largest, smallest = _select(">"), _select("<")
+
+    @intrinsic
+    def above(typingctx, x, y):
+        """Lane mask (all bits set or none) of ``x > y``."""
+
+        def codegen(context, builder, sig, args):
+            return builder.bitcast(builder.sext(builder.fcmp_ordered(">", args[0], args[1]), _VI), _VF)
+
+        return x(x, x), codegen
+
+    @intrinsic
+    def lanes(typingctx, mask):
+        """Integer whose bit k is the sign bit of lane k."""
+
+        def codegen(context, builder, sig, args):
+            m = builder.icmp_signed("<", builder.bitcast(args[0], _VI), ir.Constant(_VI, [0] * W))
+            return builder.zext(builder.bitcast(m, ir.IntType(W)), _I)
+
+        return types.int64(mask), codegen
+
+    def _horizontal(combine, integer=False):
+        @intrinsic
+        def operation(typingctx, v):
+            def codegen(context, builder, sig, args):
+                value = builder.bitcast(args[0], _VI) if integer else args[0]
+                x = [builder.extract_element(value, ir.Constant(_B, k)) for k in range(W)]
+                return combine(builder, combine(builder, x[0], x[1]), combine(builder, x[2], x[3]))
+
+            return (types.int64 if integer else types.float64)(v), codegen
+
+        return operation
+
+    def _pick(comparison):
+        return lambda builder, x, y: builder.select(builder.fcmp_ordered(comparison, x, y), x, y)
+
+    hsum = _horizontal(lambda builder, x, y: builder.fadd(x, y))
+    ihsum = _horizontal(lambda builder, x, y: builder.add(x, y), integer=True)
+    hmax, hmin = _horizontal(_pick(">")), _horizontal(_pick("<"))
+
+    @intrinsic
+    def bits(typingctx, x):
+        """Bit pattern of a float64 as int64."""
+
+        def codegen(context, builder, sig, args):
+            return builder.bitcast(args[0], _I)
+
+        return types.int64(types.float64), codegen

@@ -1,0 +1,31 @@
+"""Compile all kernels ahead of the first time step."""
+
+import numba
+
+from pdfem_mpi.kernels import (
+    exact_sums,
+    families,
+    finite_elements,
+    overlap,
+    peridynamics,
+    relaxation,
+    surface_correction,
+)
+
+MODULES = (exact_sums, families, finite_elements, overlap, peridynamics, relaxation, surface_correction)
+
+
+def compile_kernels() -> None:
+    """Compile every kernel for the one signature it is called with, or load it from the cache.
+
+    Afterwards a call with other types is a TypeError instead of a silent second compilation. Does nothing with
+    ``NUMBA_DISABLE_JIT=1``.
+    """
+    if numba.config.DISABLE_JIT:
+        return
+    for module in MODULES:
+        for kernel, signature in module.SIGNATURES.items():
+            kernel.compile(signature)
+    for module in MODULES:
+        for kernel in module.SIGNATURES:
+            kernel.disable_compile()

@@ -1,0 +1,323 @@
+"""Loads and supports of a deck as vectors over the unknowns, and the rigid motions they leave free.
+
+All vectors are in model units, at load factor 1. Nodal loads are summed on the global mesh in the order of cells,
+so every rank finds the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.discretization import Discretization
+from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_volumes
+from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
+from pdfem_mpi.model import Model, cluster_layout, point_rows
+from pdfem_mpi.parallel.comm import sum_integers
+from pdfem_mpi.scene import BodyForce, Scene, SceneError, Support, Traction
+
+#: Loads work on a free rigid motion when this fraction of their absolute work is left over.
+BALANCE_TOLERANCE = 1e-9
+#: A rigid motion is free when the supports keep less than this fraction of what they keep of the best held one.
+HELD = 1e-9
+
+_FACE_POINTS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / math.sqrt(3.0)
+_FACE_NODES = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+
+
+@dataclass(frozen=True)
+class LoadCase:
+    """External forces and prescribed displacements at load factor 1.
+
+    Attributes
+    ----------
+    external : float64, shape (n_unknowns,), dimension force
+    fixed : bool, shape (n_unknowns,)
+        Unknowns with a prescribed displacement.
+    prescribed : float64, shape (n_unknowns,), dimension length
+        Their displacements; 0 elsewhere.
+    volume : float64, shape (n_unknowns,), dimension length^3
+        Share of the body's volume that each unknown stands for.
+    free_motions : float64, shape (n_modes, 6)
+        Rigid motions that no support holds, as combinations of `rigid_modes`.
+    """
+
+    external: np.ndarray
+    fixed: np.ndarray
+    prescribed: np.ndarray
+    volume: np.ndarray
+    free_motions: np.ndarray
+
+
+def make_load_case(scene: Scene, discretization: Discretization, model: Model) -> LoadCase:
+    """Assemble the deck's loads and supports for this rank, and check that free motions are balanced. Collective.
+
+    Raises
+    ------
+    SceneError
+        Selections without cells or nodes, tractions on peridynamic cells, supports that contradict each other,
+        loads that are not in balance along a motion no support holds.
+    """
+    messages: list[str] = []
+    on_cells = np.zeros((len(discretization.mesh.cells), 3))  # body force density
+    on_nodes = np.zeros((len(discretization.nodes), 3))
+    for index, load in enumerate(scene.loads):
+        try:
+            if isinstance(load, BodyForce):
+                on_cells += _density(discretization, load, f"loads.{index}", scene)
+            else:
+                on_nodes += _traction(discretization, load, f"loads.{index}")
+        except SceneError as error:
+            messages += error.messages
+    prescription = _prescriptions(scene, discretization, messages)
+    if messages:
+        raise SceneError(messages)
+
+    _lump_on_nodes(discretization, on_cells, on_nodes)
+    external = _join(model, _point_forces(discretization, model, on_cells), on_nodes)
+    prescribed = _join(model, *(_pick_points(discretization, model, prescription[0]), prescription[1]))
+    fixed = ~np.isnan(prescribed)
+    prescribed = np.where(fixed, prescribed, 0.0)
+    ones, volume = np.ones_like(on_cells), np.zeros_like(on_nodes)
+    _lump_on_nodes(discretization, ones, volume)
+    volume = _join(model, _point_forces(discretization, model, ones), volume)
+    case = LoadCase(np.where(fixed, 0.0, external), fixed, prescribed, volume, free_motions(model, fixed))
+    _check_balance(model, case)
+    return case
+
+
+def rigid_modes(model: Model) -> np.ndarray:
+    """Three translations and three rotations about the origin, shape (6, n_unknowns)."""
+    n = model.n_point_unknowns
+    x = np.concatenate(
+        [
+            point_rows(model.points.x[:n]) if model.points else np.empty((0, 3)),
+            model.nodes.x[: model.nodes.n_owned] if model.nodes else np.empty((0, 3)),
+        ]
+    )
+    modes = np.zeros((6, len(x), 3))
+    for d in range(3):
+        modes[d, :, d] = 1.0
+        after, last = (d + 1) % 3, (d + 2) % 3
+        modes[3 + d, :, after] = -x[:, last]
+        modes[3 + d, :, last] = x[:, after]
+    points = n // 3
+    return np.stack(
+        [np.concatenate([cluster_layout(mode[:points]), mode[points:].reshape(-1)]) for mode in modes]
+    )
+
+
+def exact_dots(comm, pairs) -> np.ndarray:
+    """Dot products of pairs of vectors over the unknowns of all ranks, each rounded once. Collective."""
+    digits = np.zeros((len(pairs), SIZE), np.int64)
+    for row, (x, y) in zip(digits, pairs, strict=True):
+        add_products(np.ascontiguousarray(x), np.ascontiguousarray(y), row)
+    return np.array([value(row) for row in sum_integers(comm, digits)])
+
+
+def free_motions(model: Model, fixed: np.ndarray) -> np.ndarray:
+    """Orthonormal combinations of the rigid modes that move no fixed unknown, shape (n_modes, 6). Collective."""
+    modes = rigid_modes(model)
+    held = np.where(fixed, modes, 0.0)
+    pairs = [(a, b) for i, a in enumerate(held) for b in held[: i + 1]]
+    whole = exact_dots(model.comm, [(m, m) for m in modes])
+    scale = 1.0 / np.sqrt(np.maximum(whole, 1e-300))
+    gram = np.zeros((6, 6))
+    gram[np.tril_indices(6)] = exact_dots(model.comm, pairs)
+    gram = np.tril(gram) + np.tril(gram, -1).T
+    values, vectors = np.linalg.eigh(scale[:, None] * gram * scale)
+    return vectors[:, values <= HELD * values.max()].T * scale
+
+
+def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
+    """Take the free rigid motions out of a displacement: its mean over the volume vanishes. Collective.
+
+    Parameters
+    ----------
+    u : float64, shape (n_unknowns,)
+        Overwritten.
+    """
+    if not len(case.free_motions):
+        return
+    modes = _combine(case.free_motions, rigid_modes(model))
+    count = len(modes)
+    pairs = [(case.volume * a, b) for a in modes for b in modes] + [(case.volume * a, u) for a in modes]
+    dots = exact_dots(model.comm, pairs)
+    amounts = np.linalg.solve(dots[: count * count].reshape(count, count), dots[count * count :])
+    for amount, mode in zip(amounts, modes, strict=True):
+        u -= amount * mode
+
+
+def _combine(motions: np.ndarray, modes: np.ndarray) -> np.ndarray:
+    """Combinations of the modes, term by term in a fixed order."""
+    result = np.zeros((len(motions), modes.shape[1]))
+    for row, motion in zip(result, motions, strict=True):
+        for amount, mode in zip(motion, modes, strict=True):
+            row += amount * mode
+    return result
+
+
+def _check_balance(model: Model, case: LoadCase) -> None:
+    if not len(case.free_motions):
+        return
+    modes = _combine(case.free_motions, rigid_modes(model))
+    pairs = [(case.external, mode) for mode in modes] + [
+        (np.abs(case.external), np.abs(mode)) for mode in modes
+    ]
+    work = exact_dots(model.comm, pairs)
+    net, gross = work[: len(modes)], work[len(modes) :]
+    if (np.abs(net) <= BALANCE_TOLERANCE * gross.max()).all():
+        return
+    worst = int(np.argmax(np.abs(net)))
+    force = exact_dots(model.comm, [(case.external, mode) for mode in rigid_modes(model)])
+    units = model.units
+    net_force = ", ".join(f"{f:.6g}" for f in force[:3] * units.force)
+    net_moment = ", ".join(f"{m:.6g}" for m in force[3:] * units.force * units.length)
+    raise SceneError(
+        [
+            f"loads are not in balance: their sum is a force of ({net_force}) and a moment of ({net_moment}) about the "
+            f"centre of the body, and no support holds {_describe(case.free_motions[worst])}. Balance the loads, "
+            "or add a table [[supports]]."
+        ]
+    )
+
+
+def _describe(motion: np.ndarray) -> str:
+    names = [f"the {kind} {axis}" for kind in ("translation along", "rotation about") for axis in "xyz"]
+    return names[int(np.argmax(np.abs(motion)))]
+
+
+def _select_cells(discretization: Discretization, entry, where: str, scene: Scene) -> np.ndarray:
+    """Cells a load or support speaks of; bool, shape (n_cells,)."""
+    mesh = discretization.mesh
+    if entry.region is not None:
+        names = [region.name for region in scene.regions]
+        chosen = discretization.region == names.index(entry.region)
+    elif entry.face is not None:
+        chosen = mesh.cells_near_face(entry.face, entry.layers)
+    else:
+        chosen = mesh.cells_in_box(entry.lower, entry.upper)
+    if not chosen.any():
+        raise SceneError(
+            [f"{where} selects no cell of the mesh, whose cells are {mesh.largest_edge:.6g} wide. Widen its box."]
+        )
+    return chosen
+
+
+def _density(discretization: Discretization, load: BodyForce, where: str, scene: Scene) -> np.ndarray:
+    """Body force per volume on each cell, shape (n_cells, 3), model units."""
+    chosen = _select_cells(discretization, load, where, scene)
+    units = discretization.units
+    if load.density is not None:
+        density = np.array(load.density) * (units.length / units.stress)
+    else:
+        corners = discretization.nodes[discretization.mesh.cells[chosen]]
+        density = np.array(load.total) / units.force / math.fsum(gauss_volumes(corners).reshape(-1))
+    return np.where(chosen[:, None], density, 0.0)
+
+
+def _traction(discretization: Discretization, load: Traction, where: str) -> np.ndarray:
+    """Nodal forces of a traction, shape (n_mesh_nodes, 3), model units."""
+    cells, faces = discretization.mesh.faces_on_face(load.face)
+    if discretization.has_points[cells].any():
+        count = np.count_nonzero(discretization.has_points[cells])
+        raise SceneError(
+            [
+                f"{where}.face = {load.face} has {count} of {len(cells)} faces on peridynamic cells, where a traction "
+                f"gives no force (sec. 2.2). Use kind = \"body_force\" with face = \"{load.face}\"."
+            ]
+        )
+    corners = discretization.nodes[faces]
+    areas = np.zeros(len(faces))
+    nodal = np.zeros((len(discretization.nodes), 3))
+    shares = np.zeros((len(faces), 4))
+    for r, s in _FACE_POINTS:
+        shape = (1 + _FACE_NODES[:, 0] * r) * (1 + _FACE_NODES[:, 1] * s) / 4
+        along_r, along_s = np.zeros((len(faces), 3)), np.zeros((len(faces), 3))
+        for a in range(4):
+            along_r += _FACE_NODES[a, 0] * (1 + _FACE_NODES[a, 1] * s) / 4 * corners[:, a]
+            along_s += _FACE_NODES[a, 1] * (1 + _FACE_NODES[a, 0] * r) / 4 * corners[:, a]
+        normal = np.cross(along_r, along_s)
+        area = np.sqrt(normal[:, 0] ** 2 + normal[:, 1] ** 2 + normal[:, 2] ** 2)
+        areas += area
+        shares += shape * area[:, None]
+    units = discretization.units
+    whole = math.fsum(areas)
+    if load.traction is not None:
+        traction = np.array(load.traction) / units.stress
+    else:
+        traction = np.array(load.total) / units.force / whole
+    if load.nodal == "equal":
+        nodes = np.unique(faces)
+        nodal[nodes] = traction * whole / len(nodes)
+    else:
+        for a in range(4):
+            np.add.at(nodal, faces[:, a], shares[:, a, None] * traction)
+    return nodal
+
+
+def _prescriptions(scene: Scene, discretization: Discretization, messages: list[str]):
+    """Prescribed displacements of cells' points and of nodes, NaN where free; model units."""
+    mesh = discretization.mesh
+    on_cells = np.full((len(mesh.cells), 3), np.nan)
+    on_nodes = np.full((len(mesh.nodes), 3), np.nan)
+    for index, support in enumerate(scene.supports):
+        where = f"supports.{index}"
+        try:
+            cells = _select_cells(discretization, support, where, scene)
+        except SceneError as error:
+            messages += error.messages
+            continue
+        nodes = np.zeros(len(mesh.nodes), bool)
+        nodes[mesh.cells[cells & discretization.has_nodes]] = True
+        if support.face is not None:
+            nodes &= mesh.nodes_on_face(support.face)
+        for d, amount in enumerate((support.x, support.y, support.z)):
+            if amount is None:
+                continue
+            displacement = amount / discretization.units.length
+            for table, chosen in ((on_cells, cells & ~discretization.has_nodes), (on_nodes, nodes)):
+                other = chosen & ~np.isnan(table[:, d]) & (table[:, d] != displacement)
+                if other.any():
+                    before = table[np.flatnonzero(other)[0], d] * discretization.units.length
+                    messages.append(
+                        f"{where}.{'xyz'[d]} = {amount:.6g} contradicts {before:.6g}, prescribed by an earlier support "
+                        f"at {np.count_nonzero(other)} of the same places. Keep one of them."
+                    )
+                table[chosen, d] = displacement
+    return on_cells, on_nodes
+
+
+def _lump_on_nodes(discretization: Discretization, on_cells: np.ndarray, on_nodes: np.ndarray) -> None:
+    """Add the body force of elements and overlap cells to their nodes (26)."""
+    cells = np.flatnonzero(discretization.has_nodes & (on_cells != 0).any(axis=1))
+    corners = discretization.mesh.cells[cells]
+    volumes = gauss_volumes(discretization.nodes[corners])
+    for a in range(8):
+        share = np.zeros(len(cells))
+        for p in range(8):
+            share += SHAPE_AT_GAUSS[p, a] * volumes[:, p]
+        np.add.at(on_nodes, corners[:, a], share[:, None] * on_cells[cells])
+
+
+def _point_forces(discretization: Discretization, model: Model, on_cells: np.ndarray) -> np.ndarray:
+    """Body force times volume of the free points, flat in cluster layout."""
+    if not model.points:
+        return np.empty(0)
+    density = _pick_points(discretization, model, on_cells)
+    volume = np.repeat(model.points.volume[: 8 * model.points.n_free].reshape(-1, 1, 4), 3, axis=1).reshape(-1)
+    return density * volume
+
+
+def _pick_points(discretization: Discretization, model: Model, on_cells: np.ndarray) -> np.ndarray:
+    """Values of the free cells, repeated for their points, flat in cluster layout."""
+    if not model.points:
+        return np.empty(0)
+    return cluster_layout(np.repeat(on_cells[model.subdomain.free][:, None, :], 8, axis=1))
+
+
+def _join(model: Model, on_points: np.ndarray, on_nodes: np.ndarray) -> np.ndarray:
+    """The flat vector over the unknowns."""
+    return np.concatenate([on_points, on_nodes[model.subdomain.owned_nodes].reshape(-1)])

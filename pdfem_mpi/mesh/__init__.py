@@ -1,0 +1,1 @@
+"""Hexahedral meshes: what they are, and where they come from."""

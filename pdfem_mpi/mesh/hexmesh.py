@@ -1,0 +1,134 @@
+"""A mesh of eight-node hexahedra, and the selections of its nodes and cells that decks speak of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+#: A node lies on a plane, or a centroid in a box, within this fraction of the body's size.
+POSITION_TOLERANCE = 1e-6
+#: Local nodes of the six faces of a hexahedron (VTK order), seen from outside counter-clockwise.
+FACES = np.array([(0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)])
+
+
+@dataclass(frozen=True)
+class HexMesh:
+    """Hexahedra in VTK node order.
+
+    Attributes
+    ----------
+    nodes : float64, shape (n_nodes, 3), dimension length
+    cells : int32, shape (n_cells, 8)
+        Node numbers of each cell.
+    """
+
+    nodes: np.ndarray
+    cells: np.ndarray
+
+    @cached_property
+    def lower(self) -> np.ndarray:
+        """Lower corner of the bounding box, shape (3,), dimension length."""
+        return self.nodes.min(axis=0)
+
+    @cached_property
+    def upper(self) -> np.ndarray:
+        """Upper corner of the bounding box, shape (3,), dimension length."""
+        return self.nodes.max(axis=0)
+
+    @cached_property
+    def tolerance(self) -> float:
+        """Distance within which positions count as equal, dimension length."""
+        return POSITION_TOLERANCE * float((self.upper - self.lower).max())
+
+    @cached_property
+    def centroids(self) -> np.ndarray:
+        """Mean of the eight nodes of each cell, shape (n_cells, 3), dimension length."""
+        total = np.zeros((len(self.cells), 3))
+        for a in range(8):
+            total += self.nodes[self.cells[:, a]]
+        return total / 8.0
+
+    @cached_property
+    def largest_edge(self) -> float:
+        """Longest edge of all cells, dimension length."""
+        return float(self._edges().max())
+
+    @cached_property
+    def mean_edge(self) -> float:
+        """Half-way between the shortest and the longest edge of all cells, dimension length."""
+        edges = self._edges()
+        return 0.5 * (float(edges.min()) + float(edges.max()))
+
+    def _edges(self) -> np.ndarray:
+        pairs = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+        corners = self.nodes[self.cells]
+        return np.stack([np.linalg.norm(corners[:, a] - corners[:, b], axis=1) for a, b in pairs])
+
+    def cells_in_box(self, lower, upper) -> np.ndarray:
+        """Cells whose centroid lies in a closed box; None for a corner sets no limit there.
+
+        Returns
+        -------
+        bool, shape (n_cells,)
+        """
+        inside = np.ones(len(self.cells), bool)
+        if lower is not None:
+            inside &= (self.centroids >= np.asarray(lower) - self.tolerance).all(axis=1)
+        if upper is not None:
+            inside &= (self.centroids <= np.asarray(upper) + self.tolerance).all(axis=1)
+        return inside
+
+    def nodes_on_face(self, face: str) -> np.ndarray:
+        """Nodes on a plane of the bounding box, named ``x-``, ``x+``, ... ``z+``.
+
+        Returns
+        -------
+        bool, shape (n_nodes,)
+        """
+        axis = "xyz".index(face[0])
+        plane = (self.lower if face[1] == "-" else self.upper)[axis]
+        return np.abs(self.nodes[:, axis] - plane) <= self.tolerance
+
+    def faces_on_face(self, face: str) -> tuple[np.ndarray, np.ndarray]:
+        """Cell faces whose four nodes lie on a plane of the bounding box.
+
+        Returns
+        -------
+        cells : int64, shape (n_faces,)
+        nodes : int32, shape (n_faces, 4)
+        """
+        on = self.nodes_on_face(face)[self.cells][:, FACES].all(axis=2)
+        cell, side = np.nonzero(on)
+        return cell, self.cells[cell[:, None], FACES[side]]
+
+    def cells_near_face(self, face: str, layers: int) -> np.ndarray:
+        """Cells of the first ``layers`` layers beneath a plane of the bounding box.
+
+        The first layer are the cells with a face on the plane, each next one the cells that share a node with it.
+
+        Returns
+        -------
+        bool, shape (n_cells,)
+        """
+        chosen = np.zeros(len(self.cells), bool)
+        chosen[self.faces_on_face(face)[0]] = True
+        for _ in range(layers - 1):
+            chosen = self.neighbours(chosen)
+        return chosen
+
+    def neighbours(self, chosen: np.ndarray) -> np.ndarray:
+        """The chosen cells and all cells that share a node with one of them.
+
+        Parameters
+        ----------
+        chosen : bool, shape (n_cells,)
+
+        Returns
+        -------
+        bool, shape (n_cells,)
+        """
+        touched = np.zeros(len(self.nodes), bool)
+        touched[self.cells[chosen]] = True
+        return touched[self.cells].any(axis=1)

@@ -1,0 +1,287 @@
+"""Model: the constants of a run on one rank. Parts that the scene does not have are None."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pdfem_mpi.bonds import Bonds, Points, fictitious_masses, make_bonds, pattern_for
+from pdfem_mpi.discretization import Discretization, ModelUnits
+from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_positions, gauss_volumes
+from pdfem_mpi.kernels.finite_elements import (
+    element_masses,
+    element_stiffness,
+    force_bound,
+    gradient_tables,
+    lame_moduli,
+)
+from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.parallel.comm import largest
+from pdfem_mpi.parallel.halo import Halo, build_halo
+from pdfem_mpi.scene import Scene
+from pdfem_mpi.subdomain import Subdomain, cut_out, partition
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+#: Cells whose corners agree within this fraction of the model unit of length share a stiffness matrix.
+SHAPE_TOLERANCE = 1e-9
+#: More shapes than this, and the cells are treated as general hexahedra.
+MOST_SHAPES = 4
+#: Elements whose stiffness matrices are formed together at set-up.
+BATCH = 4096
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Nodes of the owned elements and overlap cells, owned nodes first.
+
+    Attributes
+    ----------
+    n_owned : int
+    number : int64, shape (n_nodes,)
+        Global number among the nodes with unknowns.
+    x : float64, shape (n_nodes, 3), dimension length
+    halo : Halo
+    """
+
+    n_owned: int
+    number: np.ndarray
+    x: np.ndarray
+    halo: Halo
+
+
+@dataclass(frozen=True)
+class SharedElements:
+    """Elements of one shape: one stiffness matrix (24, 24) and a factor per element."""
+
+    connectivity: np.ndarray
+    stiffness: np.ndarray
+    scale: np.ndarray
+
+
+@dataclass(frozen=True)
+class GeneralElements:
+    """Elements of any shape: geometry tables and Lame's moduli per element."""
+
+    connectivity: np.ndarray
+    tables: np.ndarray
+    lam: np.ndarray
+    mu: np.ndarray
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Finite elements owned by this rank.
+
+    Attributes
+    ----------
+    shared : tuple of SharedElements
+    general : GeneralElements or None
+    bound : float, dimension force / length
+        Largest force component per largest difference of nodal displacements, on all ranks.
+    """
+
+    shared: tuple[SharedElements, ...]
+    general: GeneralElements | None
+    bound: float
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Overlap cells owned by this rank: ``points.n_free`` is the first; local nodes of each, shape (n, 8)."""
+
+    connectivity: np.ndarray
+
+
+@dataclass(frozen=True)
+class Model:
+    """Constants of a run on one rank, in model units.
+
+    Attributes
+    ----------
+    comm : Intracomm
+    units : ModelUnits
+    subdomain : Subdomain
+    points, bonds, nodes, elements, overlap : or None
+        What the scene has; the same parts on every rank, though a rank's share may be empty.
+    mass : float64, shape (n_unknowns,), dimension force / length
+        Fictitious masses (eqs 11, 22) of the unknowns: free points in cluster layout, then owned nodes.
+    correction_remaining : float
+        Largest ``|G / g_inf - 1|`` of the surface correction before its last sweep.
+    """
+
+    comm: Intracomm
+    units: ModelUnits
+    subdomain: Subdomain
+    points: Points | None
+    bonds: Bonds | None
+    nodes: Nodes | None
+    elements: Elements | None
+    overlap: Overlap | None
+    mass: np.ndarray
+    correction_remaining: float
+
+    @property
+    def n_point_unknowns(self) -> int:
+        """Unknowns of the free points, which come first."""
+        return 24 * self.points.n_free if self.points else 0
+
+    @property
+    def n_unknowns(self) -> int:
+        """Owned unknowns."""
+        return len(self.mass)
+
+
+def cluster_layout(rows: np.ndarray) -> np.ndarray:
+    """Rows of the eight points of each cell, (n_cells, 8, 3), as a flat array ``[cluster][component][lane]``."""
+    return np.ascontiguousarray(rows.reshape(-1, 2, W, 3).swapaxes(2, 3)).reshape(-1)
+
+
+def point_rows(flat: np.ndarray) -> np.ndarray:
+    """The inverse of `cluster_layout`: shape (n_points, 3)."""
+    return np.ascontiguousarray(flat.reshape(-1, 3, W).swapaxes(1, 2)).reshape(-1, 3)
+
+
+def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -> Model:
+    """Cut out this rank's share and compute its constants. Collective.
+
+    Raises
+    ------
+    SceneError
+        More ranks than cells.
+    """
+    subdomain = cut_out(discretization, partition(discretization, comm.size), comm.rank)
+    points = bonds = nodes = elements = overlap = None
+    remaining = 0.0
+    if discretization.has_points.any():
+        points = _make_points(discretization, subdomain, comm)
+        finite = scene.peridynamics.kinematics == "finite"
+        bonds, remaining = make_bonds(
+            comm, points, discretization.cutoff, finite, scene.peridynamics.surface_correction
+        )
+    if discretization.has_nodes.any():
+        nodes = _make_nodes(discretization, subdomain, comm)
+        local = np.full(len(discretization.nodes), -1, np.int32)
+        local[np.concatenate([subdomain.owned_nodes, subdomain.ghost_nodes])] = np.arange(len(nodes.number))
+    if discretization.has_stiffness.any():
+        elements = _make_elements(discretization, subdomain, local, comm)
+    if discretization.is_overlap.any():
+        overlap = Overlap(local[discretization.mesh.cells[subdomain.overlap]])
+    mass = _masses(discretization, subdomain, comm, points, bonds, nodes, overlap, local if nodes else None)
+    return Model(
+        comm, discretization.units, subdomain, points, bonds, nodes, elements, overlap, mass, remaining
+    )
+
+
+def _make_points(discretization: Discretization, subdomain: Subdomain, comm) -> Points:
+    owned = np.concatenate([subdomain.free, subdomain.overlap])
+    corners = discretization.nodes[discretization.mesh.cells[np.concatenate([owned, subdomain.ghosts])]]
+    number = discretization.point_cell_number
+    return Points(
+        n_free=len(subdomain.free),
+        n_owned=len(owned),
+        cell_number=np.concatenate([number[owned], number[subdomain.ghosts]]),
+        x=cluster_layout(gauss_positions(corners)),
+        volume=gauss_volumes(corners).reshape(-1),
+        halo=build_halo(comm, number[owned], number[subdomain.ghosts], subdomain.ghost_owner),
+    )
+
+
+def _make_nodes(discretization: Discretization, subdomain: Subdomain, comm) -> Nodes:
+    number = discretization.node_number
+    owned, ghosts = subdomain.owned_nodes, subdomain.ghost_nodes
+    local = np.concatenate([owned, ghosts])
+    return Nodes(
+        n_owned=len(owned),
+        number=number[local],
+        x=discretization.nodes[local],
+        halo=build_halo(comm, number[owned], number[ghosts], subdomain.ghost_node_owner),
+    )
+
+
+def _shapes(discretization: Discretization) -> tuple[np.ndarray, np.ndarray]:
+    """Sort the elements of the whole mesh by shape, so that every rank treats a cell alike.
+
+    Returns
+    -------
+    representatives : int64, shape (n_shapes,)
+        The lowest-numbered cell of each shape; empty when there are too many shapes.
+    shape : int64, shape (n_cells,)
+        Index of each element's shape, -1 for a general hexahedron or a cell without element.
+    """
+    cells = np.flatnonzero(discretization.has_stiffness)
+    corners = discretization.nodes[discretization.mesh.cells[cells]]
+    relative = corners[:, 1:] - corners[:, :1]
+    shape = np.full(len(discretization.has_stiffness), -1)
+    representatives: list[int] = []
+    left = np.arange(len(cells))
+    while len(left):
+        if len(representatives) == MOST_SHAPES:
+            shape[cells[left]] = -1
+            break
+        same = (np.abs(relative[left] - relative[left[0]]) <= SHAPE_TOLERANCE).all(axis=(1, 2))
+        shape[cells[left[same]]] = len(representatives)
+        representatives.append(int(cells[left[0]]))
+        left = left[~same]
+    return np.array(representatives, np.int64), shape
+
+
+def _make_elements(discretization: Discretization, subdomain: Subdomain, local, comm) -> Elements:
+    representatives, shape = _shapes(discretization)
+    nu = discretization.poissons_ratio
+    corners = discretization.nodes[discretization.mesh.cells]
+    shared, bound = [], 0.0
+    for index, cell in enumerate(representatives):
+        stiffness = element_stiffness(corners[cell][None], np.ones(1), nu)
+        mine = subdomain.elements[shape[subdomain.elements] == index]
+        shared.append(
+            SharedElements(local[discretization.mesh.cells[mine]], stiffness[0], np.ones(len(mine)))
+        )
+        bound = max(bound, force_bound(stiffness))
+    general = None
+    if (shape[discretization.has_stiffness] < 0).any():
+        mine = subdomain.elements[shape[subdomain.elements] < 0]
+        lam, mu = lame_moduli(np.ones(len(mine)), nu)
+        general = GeneralElements(
+            local[discretization.mesh.cells[mine]], gradient_tables(corners[mine]), lam, mu
+        )
+        for start in range(0, len(mine), BATCH):
+            batch = mine[start : start + BATCH]
+            bound = max(bound, force_bound(element_stiffness(corners[batch], np.ones(len(batch)), nu)))
+    return Elements(tuple(shared), general, float(largest(comm, np.array([bound]))[0]))
+
+
+def _masses(discretization, subdomain, comm, points, bonds, nodes, overlap, local) -> np.ndarray:
+    """Fictitious masses of the unknowns.
+
+    A node of the overlap carries the lumped densities of its points, ``sum_p N_I(x_p) lambda_p w_p``: by Gershgorin
+    this bounds the stiffness N^T K N that it feels, as (22) does for the elements that have an internal force.
+    """
+    parts = []
+    if points:
+        densities = fictitious_masses(points, bonds)
+        parts.append(np.repeat(densities.reshape(-1, 1, W)[: 2 * points.n_free], 3, axis=1).reshape(-1))
+    if nodes:
+        contributions = []  # (local nodes (n, 8), masses (n, 8, 3))
+        nu = discretization.poissons_ratio
+        for start in range(0, len(subdomain.elements), BATCH):
+            cells = discretization.mesh.cells[subdomain.elements[start : start + BATCH]]
+            stiffness = element_stiffness(discretization.nodes[cells], np.ones(len(cells)), nu)
+            contributions.append((local[cells], element_masses(stiffness).reshape(-1, 8, 3)))
+        if overlap:
+            density = densities.reshape(-1, 8)[points.n_free : points.n_owned]
+            lumped = np.zeros((len(density), 8))
+            for p in range(8):
+                lumped += SHAPE_AT_GAUSS[p] * density[:, p, None]
+            contributions.append((overlap.connectivity, np.repeat(lumped[:, :, None], 3, axis=2)))
+        top = max((float(m.max(initial=0.0)) for _, m in contributions), default=0.0)
+        quantum, _ = pattern_for(float(largest(comm, np.array([top]))[0]))
+        total = np.zeros((len(nodes.number), 3), np.int64)
+        for where, masses in contributions:
+            np.add.at(total, where.reshape(-1), np.rint(masses / quantum).astype(np.int64).reshape(-1, 3))
+        nodes.halo.scatter_reverse(total)
+        parts.append((total[: nodes.n_owned] * quantum).reshape(-1))
+    return np.concatenate(parts)

@@ -1,0 +1,169 @@
+"""Numbers a deck asks for: displacements at points, and a bar's comparison with uniform tension."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.discretization import Discretization
+from pdfem_mpi.fields import Fields, point_positions
+from pdfem_mpi.hex8 import GAUSS_POINTS, shape_functions, shape_gradients
+from pdfem_mpi.scene import BarProbe, Scene
+
+#: Stations nearer than this many cutoff radii to an end or to the interface are left out of straight-line fits.
+MARGIN = 2.0
+NEWTON_STEPS = 50
+
+
+@dataclass(frozen=True)
+class Bar:
+    """Mean displacements of the cross sections of a bar.
+
+    Attributes
+    ----------
+    coordinate : float64, shape (n,), dimension length
+        Centres of the layers of cells along the axis.
+    displacement, exact : float64, shape (n,), dimension length
+        Mean axial displacement of each layer, its rigid part chosen so that the two end faces move by opposite
+        amounts (a face's displacement is its layer's, continued linearly), and ``stress x / E``.
+    has_points : bool, shape (n,)
+        Layers described by free peridynamic points (else by elements or the overlap).
+    lateral_strain : float64, shape (n,), dimension 1
+        Slope of the lateral displacements over the lateral positions.
+    interface : float or None
+        Axial coordinate between the peridynamic cells and the overlap.
+    overlap : tuple of float or None
+        Axial interval of the overlap.
+    """
+
+    coordinate: np.ndarray
+    displacement: np.ndarray
+    exact: np.ndarray
+    has_points: np.ndarray
+    lateral_strain: np.ndarray
+    interface: float | None
+    overlap: tuple[float, float] | None
+
+
+def displacement_at(discretization: Discretization, fields: Fields, point) -> np.ndarray:
+    """Displacement at a point of the body, by the shape functions of its cell.
+
+    In a cell with elements or overlap the nodes are interpolated, in a peridynamic cell the trilinear function
+    through its eight points. Outside the body the nearest cell is extrapolated to the nearest of its points.
+
+    Returns
+    -------
+    float64, shape (3,), dimension length
+    """
+    mesh = discretization.mesh
+    point = np.asarray(point, float)
+    cell = int(np.argmin(((mesh.centroids - point) ** 2).sum(axis=1)))
+    near = np.flatnonzero(mesh.neighbours(np.arange(len(mesh.cells)) == cell))
+    local = {int(c): _reference_coordinates(mesh.nodes[mesh.cells[c]], point) for c in near}
+    cell = min(local, key=lambda c: (np.abs(local[c]).max().round(9), c))
+    rst = np.clip(local[cell], -1.0, 1.0)
+    if discretization.has_nodes[cell]:
+        values = fields.u_nodes[discretization.node_number[mesh.cells[cell]]]
+        shape = shape_functions(rst[None])[0]
+    else:
+        values = fields.u_points.reshape(-1, 8, 3)[discretization.point_cell_number[cell]]
+        shape = np.prod((1.0 + 9.0 * (rst / 3.0) * GAUSS_POINTS) / 2.0, axis=1)
+    return (shape[:, None] * values).sum(axis=0)
+
+
+def _reference_coordinates(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Solve ``x(r, s, t) = point`` by Newton's method."""
+    rst = np.zeros(3)
+    for _ in range(NEWTON_STEPS):
+        miss = point - shape_functions(rst[None])[0] @ corners
+        step = np.linalg.solve((shape_gradients(rst[None])[0].T @ corners).T, miss)
+        rst = np.clip(rst + step, -3.0, 3.0)
+        if np.abs(step).max() < 1e-13:
+            break
+    return rst
+
+
+def measure_bar(scene: Scene, discretization: Discretization, fields: Fields, probe: BarProbe, factor: float) -> Bar:
+    """Average a bar over its cross sections at a load factor."""
+    mesh = discretization.mesh
+    axis = "xyz".index(probe.axis)
+    others = [d for d in range(3) if d != axis]
+    place = np.rint((mesh.centroids[:, axis] - mesh.lower[axis]) / mesh.tolerance).astype(np.int64)
+    values, layer = np.unique(np.floor((place + 10) / 20).astype(np.int64), return_inverse=True)
+    n = len(values)
+
+    x_points = u_points = None
+    use_points = discretization.has_points & ~discretization.is_overlap
+    if discretization.has_points.any():
+        x_points = point_positions(discretization).reshape(-1, 8, 3)
+        u_points = fields.u_points.reshape(-1, 8, 3)
+    coordinate, displacement, lateral = np.zeros(n), np.zeros(n), np.zeros(n)
+    faces = []
+    of_points = np.zeros(n, bool)
+    for k in range(n):
+        cells = np.flatnonzero(layer == k)
+        of_points[k] = use_points[cells].all()
+        if of_points[k]:
+            number = discretization.point_cell_number[cells]
+            x, u = x_points[number].reshape(-1, 3), u_points[number].reshape(-1, 3)
+        else:
+            cells = cells[discretization.has_nodes[cells]]
+            corners = mesh.cells[cells]
+            x = mesh.nodes[corners].reshape(-1, 3)
+            u = fields.u_nodes[discretization.node_number[corners]].reshape(-1, 3)
+        coordinate[k] = mesh.centroids[cells, axis].mean()
+        displacement[k] = u[:, axis].mean()
+        lateral[k] = np.mean([np.polyfit(x[:, d], u[:, d], 1)[0] for d in others])
+        if k in (0, n - 1):
+            face = mesh.lower[axis] if k == 0 else mesh.upper[axis]
+            faces.append(np.polyval(np.polyfit(x[:, axis], u[:, axis], 1), face))
+    displacement -= 0.5 * (faces[0] + faces[-1])
+    middle = 0.5 * (mesh.lower[axis] + mesh.upper[axis])
+    exact = factor * probe.stress / scene.material.youngs_modulus * (coordinate - middle)
+    interface, overlap = _interface(discretization, axis, use_points)
+    return Bar(coordinate, displacement, exact, of_points, lateral, interface, overlap)
+
+
+def _interface(discretization, axis, use_points):
+    mesh = discretization.mesh
+    if not discretization.is_overlap.any():
+        return None, None
+    span = [mesh.nodes[mesh.cells[chosen], axis] for chosen in (discretization.is_overlap, use_points)]
+    low, high = float(span[0].min()), float(span[0].max())
+    inner = high if abs(span[1].min() - high) <= mesh.tolerance else low
+    return inner, (low, high)
+
+
+def bar_results(scene: Scene, discretization: Discretization, bar: Bar, probe: BarProbe, factor: float) -> dict:
+    """End error, moduli and Poisson's ratio of each half, and the jump at the interface.
+
+    The end error is that of the last layer of cells, in percent of the exact displacement of the end face.
+    Moduli and the jump come from straight lines fitted to the layers of each description that are more than
+    ``MARGIN`` cutoff radii (of cell edges, without peridynamics) away from the ends and the interface. The jump is the
+    peridynamic line minus the finite-element line at the interface, in units of strain times cell edge.
+    """
+    strain = factor * probe.stress / scene.material.youngs_modulus
+    margin = MARGIN * (discretization.cutoff * discretization.units.length or discretization.mesh.mean_edge)
+    lower, upper = (corner["xyz".index(probe.axis)] for corner in (discretization.mesh.lower, discretization.mesh.upper))
+    clear = (bar.coordinate > lower + margin) & (bar.coordinate < upper - margin)
+    if bar.interface is not None:
+        clear &= np.abs(bar.coordinate - bar.interface) > margin
+    results = {
+        "end_displacement": float(bar.displacement[-1]),
+        "end_error_percent": float(100.0 * (bar.displacement[-1] - bar.exact[-1]) / (0.5 * strain * (upper - lower))),
+    }
+    lines = {}
+    for name, of_points in (("finite_elements", False), ("peridynamics", True)):
+        chosen = bar.has_points == of_points
+        if np.count_nonzero(chosen & clear) >= 2:
+            chosen = chosen & clear
+        if np.count_nonzero(chosen) < 2:
+            continue
+        lines[name] = np.polyfit(bar.coordinate[chosen], bar.displacement[chosen], 1)
+        results[f"modulus_ratio_{name}"] = float(strain / lines[name][0])
+        results[f"poissons_ratio_{name}"] = float(-bar.lateral_strain[chosen].mean() / lines[name][0])
+    if bar.interface is not None and len(lines) == 2:
+        gap = np.polyval(lines["peridynamics"], bar.interface) - np.polyval(lines["finite_elements"], bar.interface)
+        results["interface_jump"] = float(gap / (strain * discretization.mesh.mean_edge))
+    return results

@@ -1,0 +1,107 @@
+"""history.csv: one row per load step or event, every number with all its digits."""
+
+import csv
+import io
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+WALL_SECONDS = "wall_seconds"
+
+
+class History:
+    """A CSV file that grows by one row at a time; the ``wall_seconds`` column is always the last one.
+
+    Floats are written by ``repr`` (they read back as the same bits), None as an empty field. The file is
+    closed between rows, so each row has reached the operating system when ``append`` returns.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; an existing one is replaced.
+    columns : iterable of str
+        Names in order; ``wall_seconds``, listed or not, goes last.
+
+    Attributes
+    ----------
+    columns : tuple of str
+    rows : int
+        Rows in the file, the header not counted.
+    size : int
+        Bytes in the file.
+    """
+
+    def __init__(self, path: str | Path, columns: Iterable[str]) -> None:
+        self._name(path, columns)
+        line = _line(self.columns)
+        self.path.write_bytes(line)
+        self.rows, self.size = 0, len(line)
+
+    @classmethod
+    def reopen(cls, path: str | Path, columns: Iterable[str], rows: int) -> Self:
+        """Continue an existing file after its first ``rows`` rows; whatever follows them is cut off.
+
+        Raises
+        ------
+        ValueError
+            The file has other columns, or fewer complete rows. It is left as it was.
+        """
+        history = cls.__new__(cls)
+        history._name(path, columns)
+        with history.path.open("r+b") as file:
+            lines = [file.readline() for _ in range(rows + 1)]
+            if lines[0] != _line(history.columns):
+                raise ValueError(f"{path}: other columns than {', '.join(history.columns)}")
+            if not lines[-1].endswith(b"\n"):
+                complete = sum(line.endswith(b"\n") for line in lines) - 1
+                raise ValueError(f"{path}: has {complete} complete rows, expected at least {rows}")
+            history.rows, history.size = rows, sum(map(len, lines))
+            file.truncate(history.size)
+        return history
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Write one row, which names every column and no other.
+
+        Raises
+        ------
+        ValueError
+            A missing or unknown column, or text with a line break. Nothing is written then.
+        """
+        missing = [name for name in self.columns if name not in row]
+        unknown = [name for name in row if name not in self.columns]
+        if missing or unknown:
+            raise ValueError(f"{self.path}: row with missing columns {missing} and unknown columns {unknown}")
+        line = _line(_text(row[name]) for name in self.columns)
+        with self.path.open("ab") as file:
+            file.write(line)
+        self.rows += 1
+        self.size += len(line)
+
+    def _name(self, path: str | Path, columns: Iterable[str]) -> None:
+        self.path = Path(path)
+        self.columns = (*(name for name in columns if name != WALL_SECONDS), WALL_SECONDS)
+        if len(set(self.columns)) < len(self.columns):
+            raise ValueError(f"{self.path}: a column is named twice in {list(self.columns)}")
+
+
+def _text(value: Any) -> str:
+    """Return the field of one value: ``repr`` of a float, nothing for None."""
+    if value is None:
+        return ""
+    if isinstance(value, (float, np.floating)):
+        return repr(float(value))
+    if isinstance(value, (bool, np.bool_)):
+        return "true" if value else "false"
+    text = str(value)
+    if "\n" in text or "\r" in text:
+        raise ValueError(f"a history field cannot hold a line break: {text!r}")
+    return text
+
+
+def _line(fields: Iterable[str]) -> bytes:
+    """Return one line of the file, fields quoted where CSV asks for it."""
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow(fields)
+    return line.getvalue().encode()

@@ -1,0 +1,146 @@
+"""Figures for people, drawn by matplotlib's Agg canvas without pyplot and its global state."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from pdfem_mpi.results.files import replacing
+
+SIZE_INCHES, DPI = (8.0, 6.0), 150  # 1200 x 900 pixels
+MARKER_SIZES = 3.2, 5.0  # points; smallest and largest
+STYLE = {
+    "font.size": 11,
+    "axes.titlesize": 12,
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "axes.axisbelow": True,
+}
+LEGEND = {"ncols": 5, "frameon": False, "fontsize": 10, "columnspacing": 1.5, "handlelength": 1.6}
+
+# Colour (Okabe & Ito, 2008) and marker both tell the parts apart, so the figure also works in grey or for a
+# colour-blind reader.
+PARTS = {
+    "finite elements": {"color": "#0072B2", "marker": "s", "markeredgewidth": 0},
+    "peridynamics": {"color": "#D55E00", "marker": "o", "markeredgewidth": 0},
+}
+
+
+@dataclass(frozen=True)
+class BarStations:
+    """Displacements along a bar, beside those of the exact uniform stretch.
+
+    Attributes
+    ----------
+    coordinate : float, shape (n,), dimension length
+        Places along the axis, in any order.
+    displacement, exact : float, shape (n,), dimension length
+        Displacements along the axis: the computed ones and those of the exact solution.
+    kind : str, shape (n,)
+        "finite elements" or "peridynamics": where the computed displacement was taken from.
+    interface : float or None, dimension length
+        Where the finite-element and the peridynamic part meet; None if the bar has one part only.
+    overlap : (float, float) or None, dimension length
+        Ends of the layer of cells in which both descriptions live.
+    axis : "x", "y" or "z"
+    """
+
+    coordinate: np.ndarray
+    displacement: np.ndarray
+    exact: np.ndarray
+    kind: np.ndarray
+    interface: float | None = None
+    overlap: tuple[float, float] | None = None
+    axis: str = "x"
+
+    @property
+    def error_percent(self) -> np.ndarray:
+        """Computed minus exact displacement, in percent of the largest exact one; float, shape (n,).
+
+        Raises
+        ------
+        ValueError
+            The exact displacement is zero everywhere, so nothing is left to compare with.
+        """
+        end = np.max(np.abs(self.exact))
+        if end == 0.0:
+            raise ValueError(
+                "the exact displacement of the bar is zero at every station: is its stress zero?"
+            )
+        return 100.0 * (np.asarray(self.displacement) - self.exact) / end
+
+
+def axial_displacement(path: str | Path, stations: BarStations, title: str = "", units: str = "") -> None:
+    """Draw the displacement along a bar over the exact line, and the error under it (Fig. 12), as a PNG.
+
+    Parameters
+    ----------
+    path : str or Path
+        The PNG file; an older one is replaced.
+    stations : BarStations
+    title : str
+        What was computed, above the figure.
+    units : str
+        The deck's unit of length, a label only; "" if the deck names none.
+
+    Raises
+    ------
+    ValueError
+        As `BarStations.error_percent`; nothing is written then.
+    """
+    unit = f" ({units})" if units else " (length units)"
+    error = stations.error_percent
+    marker_size = float(
+        np.clip(400.0 / len(error), *MARKER_SIZES)
+    )  # smaller where stations lie close together
+    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+        figure = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained")
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        order = np.argsort(stations.coordinate, kind="stable")
+        exact = [np.asarray(array)[order] for array in (stations.coordinate, stations.exact)]
+        upper.plot(*exact, color="black", linewidth=1.0, label="exact solution", zorder=3)
+        lower.axhline(0.0, color="black", linewidth=1.0, zorder=3)
+        for panel, values in ((upper, stations.displacement), (lower, error)):
+            _draw_parts(panel, stations, np.asarray(values), marker_size)
+            _mark_interface(panel, stations)
+            panel.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+            panel.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)
+
+        upper.set_ylabel(f"displacement $u_{stations.axis}${unit}")
+        lower.set_ylabel("error\n(% of end displacement)")
+        lower.set_xlabel(f"position along the bar, ${stations.axis}${unit}")
+        figure.legend(
+            handles=upper.get_legend_handles_labels()[0],
+            loc="outside lower center",
+            markerscale=MARKER_SIZES[1] / marker_size,
+            **LEGEND,
+        )
+        figure.align_ylabels()
+        if title:
+            figure.suptitle(title)
+        figure.savefig(temporary, format="png")
+
+
+def _draw_parts(panel: Axes, stations: BarStations, values: np.ndarray, marker_size: float) -> None:
+    """Draw one marker for each station, in the way of its part."""
+    for part, style in PARTS.items():
+        of_part = np.asarray(stations.kind) == part
+        if of_part.any():
+            coordinate = np.asarray(stations.coordinate)[of_part]
+            panel.plot(
+                coordinate, values[of_part], linestyle="none", markersize=marker_size, label=part, **style
+            )
+
+
+def _mark_interface(panel: Axes, stations: BarStations) -> None:
+    """Mark the interface by a dashed line and the overlap by a shaded band."""
+    if stations.interface is not None:
+        panel.axvline(stations.interface, color="#555555", linestyle="--", linewidth=1.2, label="interface")
+    if stations.overlap is not None:
+        panel.axvspan(
+            *stations.overlap, color="#009E73", alpha=0.3, linewidth=0, label="overlap (both models)"
+        )

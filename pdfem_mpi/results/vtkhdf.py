@@ -1,0 +1,232 @@
+"""Fields over time for ParaView: VTKHDF UnstructuredGrid files, version 2.0, written with h5py alone.
+
+The geometry and the static fields are stored once. A frame adds its fields as further rows of one dataset
+per field, then one entry to each array of ``Steps``, and ``NSteps`` last of all: whatever an interrupted
+append leaves behind is invisible to readers, and the next append cuts it off. The file is closed between
+frames, and not locked, so that an open viewer cannot stop a run.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import h5py
+import numpy as np
+
+from pdfem_mpi.results.files import replacing
+
+VERTEX, HEXAHEDRON = 1, 12  # VTK cell types
+ROWS_PER_CHUNK = 65536  # at most; a smaller frame is one chunk
+STEPS_PER_CHUNK = 64
+
+# Shape and value of one step's entry. The geometry does not change, so all its offsets are 0; the last two
+# arrays have a second axis, of length 1, for the kinds of cells.
+STEP_ENTRIES = {
+    "NumberOfParts": ((), 1),
+    "PartOffsets": ((), 0),
+    "PointOffsets": ((), 0),
+    "CellOffsets": ((1,), 0),
+    "ConnectivityIdOffsets": ((1,), 0),
+}
+
+Precision = Literal["f4", "f8"]
+Arrays = Mapping[str, np.ndarray]
+
+
+def create_points(
+    path: str | Path,
+    x: np.ndarray,
+    point_data: Arrays | None = None,
+    *,
+    precision: Precision = "f4",
+    attributes: Mapping[str, str | int] | None = None,
+) -> None:
+    """Create the file of the peridynamic points: a vertex cell at each point, no frames yet.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; an existing one is replaced.
+    x : float, shape (n, 3), dimension length
+        Reference positions; stored in double precision whatever ``precision`` is.
+    point_data : dict of arrays, shape (n,) or (n, k), optional
+        Fields that do not change, such as region and rank. Integers keep their type.
+    precision : "f4" or "f8"
+        How floating-point fields, also those of the frames, are stored.
+    attributes : dict of str or int, optional
+        Identity of the run (format and code version, hash of the deck), put on the root of the file.
+    """
+    vertices = np.arange(len(x))[:, None]
+    _create(path, x, vertices, VERTEX, point_data or {}, {}, precision, attributes or {})
+
+
+def create_elements(
+    path: str | Path,
+    nodes: np.ndarray,
+    cells: np.ndarray,
+    cell_data: Arrays | None = None,
+    point_data: Arrays | None = None,
+    *,
+    precision: Precision = "f4",
+    attributes: Mapping[str, str | int] | None = None,
+) -> None:
+    """Create the file of the finite elements: hexahedra, no frames yet.
+
+    Parameters
+    ----------
+    path, precision, attributes
+        As in `create_points`.
+    nodes : float, shape (n, 3), dimension length
+        Reference positions.
+    cells : int, shape (m, 8)
+        Rows of ``nodes`` in VTK's order: bottom quadrilateral counter-clockwise, then top.
+    cell_data, point_data : dicts of arrays, shape (m,) or (m, k), and (n,) or (n, k), optional
+        Fields that do not change, on elements and on nodes.
+    """
+    _create(path, nodes, cells, HEXAHEDRON, point_data or {}, cell_data or {}, precision, attributes or {})
+
+
+def append_frame(
+    path: str | Path, time: float, point_data: Arrays | None = None, cell_data: Arrays | None = None
+) -> None:
+    """Append the fields at one time (or load factor); the first frame decides which fields there are.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file made by `create_points` or `create_elements`.
+    time : float
+        Shown by the viewer as time.
+    point_data, cell_data : dicts of arrays, shape (n,) or (n, k), optional
+        Fields on points (or nodes) and on cells.
+
+    Raises
+    ------
+    ValueError
+        A field has the wrong number of rows, the name of a static field, or is not in the earlier frames
+        (or is missing here). The file still has its earlier frames.
+    """
+    with h5py.File(path, "r+", locking=False) as file:
+        root = file["VTKHDF"]
+        steps = root["Steps"]
+        frame = int(steps.attrs["NSteps"])
+        _cut(root, frame)
+        for kind, fields in (("PointData", point_data or {}), ("CellData", cell_data or {})):
+            offsets = steps[kind + "Offsets"]
+            if frame and set(fields) != set(offsets):
+                raise ValueError(
+                    f"{path}: frame {frame} has {kind} {sorted(fields)}, earlier frames {sorted(offsets)}"
+                )
+            for name, values in fields.items():
+                values = _rows(root, kind, name, values)
+                if frame == 0:
+                    offsets.create_dataset(name, (0,), "i8", maxshape=(None,), chunks=(STEPS_PER_CHUNK,))
+                    _create_field(root[kind], name, values)
+                _extend(root[kind][name], values)
+                _extend(offsets[name], frame * len(values))
+        for name, (_, value) in STEP_ENTRIES.items():
+            _extend(steps[name], value)
+        _extend(steps["Values"], time)
+        file.flush()
+        steps.attrs.modify("NSteps", np.int64(frame + 1))
+
+
+def frames(path: str | Path) -> int:
+    """Return the number of complete frames in the file."""
+    with h5py.File(path, "r", locking=False) as file:
+        return int(file["VTKHDF/Steps"].attrs["NSteps"])
+
+
+def truncate(path: str | Path, n_frames: int) -> None:
+    """Keep the first ``n_frames`` frames and drop the others.
+
+    Raises
+    ------
+    ValueError
+        The file has fewer frames; it is left as it was.
+    """
+    with h5py.File(path, "r+", locking=False) as file:
+        root = file["VTKHDF"]
+        present = int(root["Steps"].attrs["NSteps"])
+        if not 0 <= n_frames <= present:
+            raise ValueError(f"{path}: has {present} frames, cannot be cut to {n_frames}")
+        root["Steps"].attrs.modify("NSteps", np.int64(n_frames))
+        file.flush()
+        _cut(root, n_frames)
+
+
+def _create(path, x, cells, cell_type, point_data, cell_data, precision, attributes) -> None:
+    """Write geometry, static fields and empty ``Steps``."""
+    n_cells, n_corners = cells.shape
+    if cells.size and not 0 <= cells.min() <= cells.max() < len(x):
+        raise ValueError(f"{path}: cells name nodes {cells.min()} to {cells.max()} of {len(x)}")
+    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs.update({"field_precision": precision, **attributes})
+        root = file.create_group("VTKHDF")
+        root.attrs["Version"] = np.array([2, 0])
+        root.attrs["Type"] = np.bytes_("UnstructuredGrid")
+        root["NumberOfPoints"] = np.array([len(x)])
+        root["NumberOfCells"] = np.array([n_cells])
+        root["NumberOfConnectivityIds"] = np.array([cells.size])
+        root["Points"] = np.asarray(x, dtype="f8")
+        root["Connectivity"] = np.asarray(cells, dtype="i8").ravel()
+        root["Offsets"] = np.arange(0, cells.size + 1, n_corners)
+        root["Types"] = np.full(n_cells, cell_type, dtype="u1")
+
+        steps = root.create_group("Steps")
+        steps.attrs["NSteps"] = np.int64(0)
+        steps.create_dataset("Values", (0,), "f8", maxshape=(None,), chunks=(STEPS_PER_CHUNK,))
+        for name, (shape, _) in STEP_ENTRIES.items():
+            steps.create_dataset(
+                name, (0, *shape), "i8", maxshape=(None, *shape), chunks=(STEPS_PER_CHUNK, *shape)
+            )
+        for kind, fields in (("PointData", point_data), ("CellData", cell_data)):
+            root.create_group(kind)
+            steps.create_group(kind + "Offsets")
+            for name, values in fields.items():
+                root[kind][name] = _rows(root, kind, name, values)
+
+
+def _rows(root: h5py.Group, kind: str, name: str, values: np.ndarray) -> np.ndarray:
+    """Return a field in the type that is stored, after a check of its name and shape."""
+    if name in root[kind] and name not in root["Steps"][kind + "Offsets"]:
+        raise ValueError(f"{root.file.filename}: {kind} {name} is a static field")
+    n_rows = int(root["NumberOfPoints" if kind == "PointData" else "NumberOfCells"][0])
+    values = np.asarray(values)
+    if values.ndim not in (1, 2) or len(values) != n_rows:
+        raise ValueError(f"{root.file.filename}: {kind} {name} has shape {values.shape}, needs {n_rows} rows")
+    if values.dtype.kind == "f":
+        return values.astype(root.file.attrs["field_precision"], copy=False)
+    return values.astype("u1") if values.dtype.kind == "b" else values
+
+
+def _create_field(group: h5py.Group, name: str, values: np.ndarray) -> None:
+    """Create the dataset of a field over time, empty, in equal chunks of at most ``ROWS_PER_CHUNK`` rows."""
+    n_chunks = -(-len(values) // ROWS_PER_CHUNK)
+    chunk = max(1, -(-len(values) // max(1, n_chunks)))
+    width = values.shape[1:]
+    group.create_dataset(name, (0, *width), values.dtype, maxshape=(None, *width), chunks=(chunk, *width))
+
+
+def _extend(dataset: h5py.Dataset, values: np.ndarray | float) -> None:
+    """Add ``values`` (one row if it is a number) at the end of a dataset."""
+    values = np.atleast_1d(values)
+    start = dataset.shape[0]
+    dataset.resize(start + len(values), axis=0)
+    dataset[start:] = values
+
+
+def _cut(root: h5py.Group, n_frames: int) -> None:
+    """Shorten the arrays of ``Steps`` and the fields to ``n_frames``; with no frames, remove the fields."""
+    steps = root["Steps"]
+    for name in ("Values", *STEP_ENTRIES):
+        steps[name].resize(n_frames, axis=0)
+    for kind, count in (("PointData", "NumberOfPoints"), ("CellData", "NumberOfCells")):
+        offsets, fields = steps[kind + "Offsets"], root[kind]
+        for name in list(offsets):
+            if n_frames:
+                offsets[name].resize(n_frames, axis=0)
+                fields[name].resize(n_frames * int(root[count][0]), axis=0)
+            else:
+                fields.pop(name, None)
+                del offsets[name]

@@ -1,0 +1,393 @@
+"""One run, from scene to run folder: the one place that sees every stage."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import resource
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+
+from pdfem_mpi import __version__
+from pdfem_mpi.bonds import total_bonds
+from pdfem_mpi.discretization import Discretization, discretize
+from pdfem_mpi.fields import Fields, fields_sha256, gather_fields, point_positions
+from pdfem_mpi.forces import Forces
+from pdfem_mpi.kernels.warm_up import compile_kernels
+from pdfem_mpi.loading import make_load_case
+from pdfem_mpi.model import Model, build_model
+from pdfem_mpi.parallel.comm import agree, node_communicator, sum_integers
+from pdfem_mpi.probes import Bar, bar_results, displacement_at, measure_bar
+from pdfem_mpi.results.history import History
+from pdfem_mpi.results.summary import write_summary
+from pdfem_mpi.scene import BarProbe, DisplacementProbe, Scene, SceneError
+from pdfem_mpi.solvers.convergence import NotConverged, Progress
+from pdfem_mpi.state import new_state
+from pdfem_mpi.stepping import Equilibrium, follow_load_program
+
+EXIT_FINISHED, EXIT_NOT_WRITTEN, EXIT_NOT_CONVERGED = 0, 73, 74
+SCHEMA_VERSION = 1
+HISTORY = (
+    "step", "load_factor", "reaction_x", "reaction_y", "reaction_z", "evaluations", "relative_residual",
+    "force_balance", "moment_balance",
+)  # fmt: skip
+
+
+class Reporter(Protocol):
+    """Where a run tells how it goes; only rank 0's is heard."""
+
+    def line(self, text: str) -> None:
+        """Print a line."""
+
+    def progress(self, step: int, n_steps: int, progress: Progress, tolerance: float) -> None:
+        """Hear of one iteration."""
+
+    def table(self, title: str, rows: list[tuple[str, str]]) -> None:
+        """Print the table at the end."""
+
+
+class NotWritten(Exception):
+    """Rank 0 could not write; raised on all ranks."""
+
+
+def warm_up(comm) -> None:
+    """Compile the kernels on one rank of each node, then load them on the others. Collective."""
+    node = node_communicator(comm)
+    if node.rank == 0:
+        compile_kernels()
+    node.Barrier()
+    if node.rank > 0:
+        compile_kernels()
+    node.Free()
+
+
+def on_root(comm, action: Callable[[], Any]) -> Any:
+    """Run ``action`` on rank 0; its result there, None elsewhere. An OSError becomes NotWritten on all ranks."""
+    result, messages = None, []
+    if comm.rank == 0:
+        try:
+            result = action()
+        except OSError as error:
+            messages = [f"{error.filename or 'results'}: cannot be written ({error.strerror or error})."]
+    messages = agree(comm, messages)
+    if messages:
+        raise NotWritten(messages[0])
+    return result
+
+
+def check_scene(scene: Scene, comm) -> dict[str, str]:
+    """What a run of the scene would allocate, by name; nothing large is allocated.
+
+    Raises
+    ------
+    SceneError
+    """
+    discretization = discretize(scene)
+    counts = _counts(discretization, None)
+    neighbours = _expected_family(discretization)
+    bonds = counts["points"] * neighbours / 2
+    per_bond = 13.0 if scene.peridynamics.kinematics == "finite" else 7.5
+    return {
+        "cells": f"{len(discretization.mesh.cells)}",
+        "nodes": f"{counts['nodes']}",
+        "elements": f"{counts['elements']}",
+        "points": f"{counts['points']}",
+        "undirected bonds, at most about": f"{bonds:.3g}",
+        "memory for bonds, at most about": f"{bonds * per_bond / 2**20:.0f} MiB in all",
+    }
+
+
+def _expected_family(discretization: Discretization) -> float:
+    """Neighbours of a point inside a body of cells of the mean edge."""
+    edge = discretization.mesh.mean_edge / discretization.units.length
+    return 4.0 / 3.0 * np.pi * discretization.cutoff**3 * 8.0 / edge**3
+
+
+def run(scene: Scene, comm, out: Path, deck_text: str, overwrite: bool, reporter: Reporter) -> int:
+    """Solve the scene and write the run folder. Collective.
+
+    Returns
+    -------
+    int
+        Exit code: 0 finished, 73 results cannot be written, 74 not converged.
+
+    Raises
+    ------
+    SceneError
+        On all ranks.
+    """
+    if comm.rank > 0:
+        reporter = _Silent()
+    try:
+        return _Run(scene, comm, out, deck_text, overwrite, reporter).go()
+    except NotWritten as error:
+        reporter.line(f"pdfem: {error} Free space or choose another folder with --out.")
+        return EXIT_NOT_WRITTEN
+
+
+class _Silent:
+    def line(self, text):
+        pass
+
+    def progress(self, *args):
+        pass
+
+    def table(self, title, rows):
+        pass
+
+
+class _Run:
+    def __init__(self, scene, comm, out, deck_text, overwrite, reporter):
+        self.scene, self.comm, self.out, self.deck_text = scene, comm, out, deck_text
+        self.overwrite, self.reporter = overwrite, reporter
+        self.seconds: dict[str, float] = {}
+        self.rows: list[Equilibrium] = []
+        self.probes: dict[str, Any] = {}
+        self.bar: Bar | None = None
+        self.started = perf_counter()
+
+    def go(self) -> int:
+        scene, comm = self.scene, self.comm
+        claim = agree(comm, self._refuse_folder() if comm.rank == 0 else [])
+        if claim:
+            raise SceneError(claim)
+        with _phase(self.seconds, "compile"):
+            warm_up(comm)
+        with _phase(self.seconds, "setup"):
+            discretization = discretize(scene)
+            model = build_model(scene, discretization, comm)
+            case = make_load_case(scene, discretization, model)
+            state = new_state(model)
+            forces = Forces(model, state.bounds)
+        on_root(comm, self._open_folder)
+        counts = _counts(discretization, model)
+        self.reporter.line(_headline(scene, comm, counts, self.seconds["setup"]))
+        writer = on_root(comm, lambda: self._open_results(discretization))
+        code, reason, fields = EXIT_FINISHED, None, None
+        n_steps = len(scene.stepping.load_factors)
+
+        def watch(step, progress):
+            self.reporter.progress(step, n_steps, progress, scene.solver.tolerance)
+
+        solve_start, output = perf_counter(), 0.0
+        try:
+            for equilibrium in follow_load_program(scene, forces, state, case, watch):
+                self.rows.append(equilibrium)
+                output_start = perf_counter()
+                fields = gather_fields(discretization, forces, state.u)
+                on_root(comm, lambda e=equilibrium, f=fields: writer(e, f, model))  # noqa: B023
+                output += perf_counter() - output_start
+        except NotConverged as error:
+            code, reason = EXIT_NOT_CONVERGED, str(error)
+        self.seconds["solve"] = perf_counter() - solve_start - output
+        self.seconds["output"] = output
+        phases = {name: round(value, 6) for name, value in forces.seconds.items()}
+        memory = comm.gather(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+        loads = comm.gather(model.bonds.count if model.bonds else 0)
+        evaluations = forces.evaluations
+        if fields is not None:
+            self._probe(discretization, fields)
+        with _phase(self.seconds, "output"):
+            on_root(comm, self._draw)
+        self.seconds["total"] = perf_counter() - self.started
+        summary = None
+        if comm.rank == 0:
+            summary = self._summary(
+                code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields
+            )
+        on_root(comm, lambda: write_summary(self.out / "summary.json", summary))
+        if comm.rank == 0:
+            self.reporter.table(scene.title or self.out.name, _end_table(summary, scene))
+            self.reporter.line(
+                f"pdfem: not converged: {reason}" if code else f"pdfem: finished; results in {self.out}"
+            )
+        return code
+
+    def _refuse_folder(self) -> list[str]:
+        if (self.out / "summary.json").exists() and not self.overwrite:
+            return [f"the folder {self.out} already holds a run. Use --overwrite, or another folder with --out."]
+        return []
+
+    def _open_folder(self) -> None:
+        self.out.mkdir(parents=True, exist_ok=True)
+        for name in ("summary.json", "history.csv", "points.vtkhdf", "elements.vtkhdf"):
+            (self.out / name).unlink(missing_ok=True)
+        shutil.rmtree(self.out / "figures", ignore_errors=True)
+        (self.out / "deck.toml").write_text(self.deck_text)
+
+    def _open_results(self, discretization: Discretization):
+        """Create the result files and return what appends one equilibrium to them."""
+        scene, units, out = self.scene, discretization.units, self.out
+        history = History(out / "history.csv", HISTORY)
+        mesh = discretization.mesh
+        frames = []
+        if scene.output.fields:
+            from pdfem_mpi.results import vtkhdf
+
+            attributes = {"pdfem_mpi_version": __version__, "deck_sha256": _sha256(self.deck_text)}
+            if discretization.has_points.any():
+                region = np.repeat(discretization.region[discretization.has_points], 8)
+                overlap = np.repeat(discretization.is_overlap[discretization.has_points], 8)
+                vtkhdf.create_points(
+                    out / "points.vtkhdf",
+                    point_positions(discretization),
+                    {"global_id": np.arange(len(region)), "region": region, "overlap": overlap},
+                    attributes=attributes,
+                )
+                frames.append(("points.vtkhdf", lambda fields: fields.u_points))
+            if discretization.has_nodes.any():
+                carrying = discretization.node_number >= 0
+                cells = discretization.has_nodes
+                vtkhdf.create_elements(
+                    out / "elements.vtkhdf",
+                    mesh.nodes[carrying],
+                    discretization.node_number[mesh.cells[cells]],
+                    {"region": discretization.region[cells], "overlap": discretization.is_overlap[cells]},
+                    attributes=attributes,
+                )
+                frames.append(("elements.vtkhdf", lambda fields: fields.u_nodes))
+
+        def write(equilibrium: Equilibrium, fields: Fields, model: Model) -> None:
+            reaction = equilibrium.reaction * units.force
+            history.append(
+                {
+                    "step": equilibrium.step,
+                    "load_factor": equilibrium.load_factor,
+                    "reaction_x": float(reaction[0]),
+                    "reaction_y": float(reaction[1]),
+                    "reaction_z": float(reaction[2]),
+                    "evaluations": equilibrium.convergence.evaluations,
+                    "relative_residual": equilibrium.convergence.residual,
+                    "force_balance": equilibrium.force_balance,
+                    "moment_balance": equilibrium.moment_balance,
+                    "wall_seconds": equilibrium.seconds,
+                }
+            )
+            for name, pick in frames:
+                vtkhdf.append_frame(out / name, equilibrium.load_factor, {"displacement": pick(fields)})
+
+        return write
+
+    def _probe(self, discretization: Discretization, fields: Fields) -> None:
+        factor = self.rows[-1].load_factor
+        for probe in self.scene.probes:
+            if isinstance(probe, DisplacementProbe):
+                self.probes[probe.name] = displacement_at(discretization, fields, probe.point).tolist()
+            elif isinstance(probe, BarProbe):
+                self.bar = measure_bar(self.scene, discretization, fields, probe, factor)
+                self.probes |= bar_results(self.scene, discretization, self.bar, probe, factor)
+
+    def _draw(self) -> None:
+        if self.bar is None or not self.scene.output.figures:
+            return
+        from pdfem_mpi.results import plots
+
+        axis = next(probe.axis for probe in self.scene.probes if isinstance(probe, BarProbe))
+        bar = self.bar
+        kind = np.where(bar.has_points, "peridynamics", "finite elements")
+        stations = plots.BarStations(
+            bar.coordinate, bar.displacement, bar.exact, kind, bar.interface, bar.overlap, axis
+        )
+        (self.out / "figures").mkdir(exist_ok=True)
+        plots.axial_displacement(
+            self.out / "figures" / "axial_displacement.png", stations, self.scene.title, self.scene.units.length
+        )
+
+    def _summary(self, code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields):
+        last = self.rows[-1] if self.rows else None
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "status": "finished" if code == 0 else "not converged",
+            "reason": reason,
+            "exit_code": code,
+            "title": self.scene.title,
+            "deck_sha256": _sha256(self.deck_text),
+            "fields_sha256": fields_sha256(fields) if fields else None,
+            "ranks": self.comm.size,
+            "counts": counts,
+            "bonds_per_rank": loads,
+            "solve": {
+                "kind": self.scene.solver.kind,
+                "load_steps": len(self.rows),
+                "evaluations": evaluations,
+                "evaluations_last_step": last.convergence.evaluations if last else None,
+                "relative_residual": last.convergence.residual if last else None,
+            },
+            "balance": {
+                "force": last.force_balance if last else None,
+                "moment": last.moment_balance if last else None,
+            },
+            "surface_correction": {
+                "kind": self.scene.peridynamics.surface_correction if discretization.cutoff else None,
+                "remaining": model.correction_remaining if discretization.cutoff else None,
+            },
+            "probes": self.probes,
+            "seconds": self.seconds | {"evaluation_phases_rank_0": phases},
+            "memory": {"peak_bytes_per_rank": memory},
+            "versions": {
+                "pdfem_mpi": __version__,
+                "python": platform.python_version(),
+                "numpy": np.__version__,
+                "numba": sys.modules["numba"].__version__,
+            },
+        }
+
+
+def _counts(discretization: Discretization, model: Model | None) -> dict[str, int]:
+    """Sizes of the whole body. Collective when there is a model."""
+    counts = {
+        "nodes": discretization.n_nodes,
+        "elements": int(np.count_nonzero(discretization.has_stiffness)),
+        "points": 8 * discretization.n_point_cells,
+        "overlap_cells": int(np.count_nonzero(discretization.is_overlap)),
+    }
+    if model is not None:
+        counts["undirected_bonds"] = total_bonds(model.comm, model.bonds)
+        counts["unknowns"] = int(sum_integers(model.comm, np.array([model.n_unknowns]))[0])
+    return counts
+
+
+def _headline(scene, comm, counts, seconds) -> str:
+    parts = [f"{counts[name]:,} {name.replace('_', ' ')}" for name in ("elements", "points", "undirected_bonds")]
+    return f"{scene.title or 'scene'}: {', '.join(parts)} on {comm.size} ranks, set up in {seconds:.1f} s"
+
+
+def _end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
+    rows = [(name.replace("_", " "), f"{count:,}") for name, count in summary["counts"].items()]
+    solve, balance = summary["solve"], summary["balance"]
+    rows.append(("force evaluations", f"{solve['evaluations']:,}"))
+    if solve["relative_residual"] is not None:
+        rows.append(("relative residual", f"{solve['relative_residual']:.2e}"))
+        rows.append(("net internal force, moment", f"{balance['force']:.1e}, {balance['moment']:.1e} of the sums"))
+    length = scene.units.length
+    for name, value in summary["probes"].items():
+        unit = f" {length}" if isinstance(value, list) or name == "end_displacement" else ""
+        text = ", ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else f"{value:.6g}"
+        rows.append((name.replace("_", " "), text + unit))
+    seconds = summary["seconds"]
+    rows.append(("seconds: set-up, solve, total", ", ".join(f"{seconds[k]:.1f}" for k in ("setup", "solve", "total"))))
+    rows.append(("peak memory per rank", f"{max(summary['memory']['peak_bytes_per_rank']) / 2**20:.0f} MiB"))
+    return rows
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class _phase:
+    """Adds the time spent inside to an entry."""
+
+    def __init__(self, seconds: dict[str, float], name: str):
+        self.seconds, self.name = seconds, name
+
+    def __enter__(self):
+        self.start = perf_counter()
+
+    def __exit__(self, *exception):
+        self.seconds[self.name] = self.seconds.get(self.name, 0.0) + perf_counter() - self.start

@@ -1,0 +1,682 @@
+"""What to simulate: the frozen models behind a deck, and every check that needs no mesh.
+
+A ``Scene`` is complete (defaults included), immutable, and the same object on every rank. Keys of the deck
+equal field names. Dimensions are written with force, length and 1; a deck may use any consistent unit system.
+Checks within one table are its method ``problems``, checks between tables are listed in ``CHECKS``; both
+state their findings as ``Problem``: the key, and the rest of the sentence. ``deck.py`` adds the file's name.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import itertools
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Annotated, Any, Literal, NamedTuple, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+Vector = tuple[float, float, float]
+Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
+AXES = ("x", "y", "z")
+
+SPACING_TOLERANCE = 1e-6  # relative misfit of a side and a whole number of spacings: decks print 6 digits
+MAX_CELLS = 2**28  # 2**31 points: far above any machine this is for; catches a spacing typed in other units
+CUTOFF_RATIO = 2.5  # r_c / l of the paper (sec. 4.1, appendix B)
+PERIDYNAMIC_POISSONS_RATIO = 0.25  # central bond forces in an isotropic solid admit no other value
+
+
+class SceneError(Exception):
+    """A scene that cannot be simulated; every problem is one plain sentence.
+
+    Attributes
+    ----------
+    messages : list of str
+        All problems found, each with the key, the value and the remedy.
+    """
+
+    def __init__(self, messages: Iterable[str]):
+        self.messages = list(messages)
+        super().__init__("\n".join(self.messages))
+
+
+class Problem(NamedTuple):
+    """One finding: the key's path, and the rest of the sentence (``= 0.07 does not ... Use 0.05.``)."""
+
+    key: str
+    text: str
+
+
+def did_you_mean(word: object, known: Iterable[str]) -> str:
+    """Return `` Did you mean X?`` for the nearest of ``known``, or an empty string."""
+    known = list(known)
+    near = difflib.get_close_matches(str(word), known, n=1, cutoff=0.65)
+    if not near:
+        same = {name.casefold(): name for name in known}
+        near = [same[str(word).casefold()]] if str(word).casefold() in same else []
+    return f" Did you mean {near[0]}?" if near else ""
+
+
+def show(value: object) -> str:
+    """Return a value as a deck would print it, shortened to 60 characters."""
+    if isinstance(value, bool):
+        text = "true" if value else "false"
+    elif isinstance(value, str):
+        text = '"' + value.replace("\n", "\\n") + '"'
+    elif isinstance(value, int) and abs(value) >= 10**20:
+        text = f"a whole number of {int(math.log10(abs(value))) + 1} digits"
+    elif isinstance(value, tuple | list):
+        text = "[" + ", ".join(show(item) for item in value[:8]) + (", ..." if len(value) > 8 else "") + "]"
+    elif isinstance(value, dict):
+        text = "a table"
+    else:
+        text = repr(value) if isinstance(value, float | int) else str(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def key(default: Any = ..., *, dimension: str = "", remedy: str = "", **limits: Any) -> Any:
+    """Return a pydantic field with the dimension and remedy that error sentences and documents print."""
+    return Field(default, json_schema_extra={"dimension": dimension, "remedy": remedy}, **limits)
+
+
+def _refuse(problems: Sequence[Problem]) -> None:
+    """Raise the problems of one table as one pydantic error that ``deck.py`` can take apart."""
+    if problems:
+        text = " ".join(f"{problem.key} {problem.text}".strip() for problem in problems)
+        raise PydanticCustomError("pdfem", "{text}", {"text": text, "problems": list(problems)})
+
+
+class Table(BaseModel):
+    """Base of all deck tables: frozen, unknown keys refused, no silent conversion, no nan or inf."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    def problems(self) -> list[Problem]:
+        """Return what is wrong between the keys of this table; each key by itself is sound."""
+        return []
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _refuse(self.problems())
+        return self
+
+
+class Units(Table):
+    """Names of the units, for labels only; nothing is converted. Deck table ``[units]``."""
+
+    length: str = key("")
+    force: str = key("")
+
+
+class BoxMesh(Table):
+    """Cubic cells filling a box; deck table ``[mesh]``.
+
+    Attributes
+    ----------
+    lower, upper : three floats, dimension length
+        Opposite corners. Every side is a whole number of spacings, within 1e-6 of its length.
+    spacing : float, > 0, dimension length
+        Edge of a cell (the paper's Delta).
+    """
+
+    kind: Literal["box"] = key("box")
+    lower: Vector = key(dimension="length", remedy="Give the corner, for example [-5.0, -0.2, -0.2].")
+    upper: Vector = key(dimension="length", remedy="Give the corner, for example [5.0, 0.2, 0.2].")
+    spacing: float = key(gt=0, dimension="length", remedy="Give the edge of a cell, for example 0.05.")
+
+    def problems(self) -> list[Problem]:
+        """Corners in order, and a spacing that divides the sides."""
+        return _corner_problems(self.lower, self.upper) or self._spacing_problems()
+
+    def _spacing_problems(self) -> list[Problem]:
+        sides = [upper - lower for lower, upper in zip(self.lower, self.upper, strict=True)]
+        counts = [side / self.spacing for side in sides]
+        if not all(math.isfinite(count) for count in counts) or math.prod(counts) > MAX_CELLS:
+            return [
+                Problem(
+                    "spacing",
+                    f"= {show(self.spacing)} makes more than {MAX_CELLS} cells of the box with sides "
+                    f"{show(sides)}. Use a larger spacing, or check the units.",
+                )
+            ]
+        misfits = [axis for axis in range(3) if not _divides(sides[axis], self.spacing)]
+        if not misfits:
+            return []
+        names = " and ".join(f"{AXES[axis]} = {sides[axis]:.6g}" for axis in misfits)
+        fitting = nearest_fitting_spacing(sides, self.spacing)
+        remedy = (
+            f"Use {fitting:.12g}, or other corners."
+            if fitting is not None
+            else "No spacing near it divides all three sides: choose other corners."
+        )
+        noun = "the box's side" if len(misfits) == 1 else "the box's sides"
+        return [
+            Problem(
+                "spacing", f"= {show(self.spacing)} does not divide {noun} {names} into whole cells. {remedy}"
+            )
+        ]
+
+    @property
+    def n_cells(self) -> tuple[int, int, int]:
+        """Number of cells along x, y and z."""
+        nx, ny, nz = (
+            round((upper - lower) / self.spacing) for lower, upper in zip(self.lower, self.upper, strict=True)
+        )
+        return nx, ny, nz
+
+
+def _divides(side: float, spacing: float) -> bool:
+    count = round(side / spacing)
+    return count >= 1 and abs(count * spacing - side) <= SPACING_TOLERANCE * side
+
+
+def nearest_fitting_spacing(sides: Sequence[float], spacing: float) -> float | None:
+    """Return the spacing nearest to ``spacing`` that divides all sides into whole cells, or None."""
+    shortest = min(sides)
+    middle = max(1, round(shortest / spacing))
+    counts = range(max(1, middle // 4), 4 * middle + 100)
+    fitting = [shortest / n for n in counts if all(_divides(side, shortest / n) for side in sides)]
+    return min(fitting, key=lambda s: (abs(s - spacing), s)) if fitting else None
+
+
+def _corner_problems(lower: Vector | None, upper: Vector | None, equal: bool = False) -> list[Problem]:
+    if lower is None or upper is None:
+        return []
+    problems = []
+    for axis in range(3):
+        low, high = lower[axis], upper[axis]
+        if high < low or (high == low and not equal):
+            problems.append(
+                Problem(
+                    "upper",
+                    f"has {AXES[axis]} = {show(high)}, which is not above {AXES[axis]} = {show(low)} "
+                    "of lower. Exchange them, or correct one.",
+                )
+            )
+    return problems
+
+
+class Material(Table):
+    """Isotropic elastic material (sec. 2.1); deck table ``[material]``.
+
+    Attributes
+    ----------
+    youngs_modulus : float, > 0, dimension force / length^2
+    poissons_ratio : float, above -1 and below 0.5, dimension 1
+        1/4 wherever the scene has peridynamics: central bond forces admit no other value.
+
+    Examples
+    --------
+    >>> Material(youngs_modulus=1.0e7).bulk_modulus
+    6666666.666666667
+    """
+
+    youngs_modulus: float = key(
+        gt=0, dimension="force / length^2", remedy="Give Young's modulus, for example 1.0e7."
+    )
+    poissons_ratio: float = key(PERIDYNAMIC_POISSONS_RATIO, gt=-1, lt=0.5, dimension="1")
+
+    @property
+    def bulk_modulus(self) -> float:
+        """``k = E / (3 (1 - 2 nu))``, dimension force / length^2."""
+        return self.youngs_modulus / (3.0 * (1.0 - 2.0 * self.poissons_ratio))
+
+
+class Region(Table):
+    """Cells described by one model; deck tables ``[[regions]]``.
+
+    Attributes
+    ----------
+    name : str
+    model : "finite_elements" or "peridynamics"
+    lower, upper : three floats or None, dimension length
+        The cells whose centroid lies in this closed box; None (default) sets no limit on that side.
+    """
+
+    name: str = key(min_length=1, remedy="Give the region a name that loads and supports can refer to.")
+    model: Literal["finite_elements", "peridynamics"] = key(remedy="Give the model that describes its cells.")
+    lower: Vector | None = key(None, dimension="length")
+    upper: Vector | None = key(None, dimension="length")
+
+    def problems(self) -> list[Problem]:
+        """Corners in order."""
+        return _corner_problems(self.lower, self.upper)
+
+
+class Peridynamics(Table):
+    """Parameters of the bonds (eqs 2-4, appendix A); deck table ``[peridynamics]``.
+
+    Attributes
+    ----------
+    internal_length : float or None, > 0, dimension length
+        ``l`` in ``exp(-(r0/l)^2)`` of eq. (2). None (default): the largest cell edge.
+    cutoff_radius : float or None, dimension length
+        ``r_c``; points with ``r0 <= r_c`` share a bond. None (default): 2.5 l, as in the paper.
+    surface_correction : "none" or "appendix_a"
+    kinematics : "linear" or "finite"
+        Stretch linear in the displacement, or the paper's.
+    """
+
+    internal_length: float | None = key(None, gt=0, dimension="length")
+    cutoff_radius: float | None = key(None, gt=0, dimension="length")
+    surface_correction: Literal["none", "appendix_a"] = key("appendix_a")
+    kinematics: Literal["linear", "finite"] = key("finite")
+
+    def problems(self) -> list[Problem]:
+        """A cutoff radius that is not below the internal length."""
+        length, radius = self.internal_length, self.cutoff_radius
+        if length is None or radius is None or radius >= length:
+            return []
+        return [
+            Problem(
+                "cutoff_radius",
+                f"= {show(radius)} is below internal_length = {show(length)}. "
+                f"Use 2.5 * internal_length = {CUTOFF_RATIO * length:.12g}, as in the paper.",
+            )
+        ]
+
+    def lengths(self, cell_edge: float) -> tuple[float, float]:
+        """Return (internal length, cutoff radius), defaults filled in from the largest cell edge."""
+        internal_length = cell_edge if self.internal_length is None else self.internal_length
+        cutoff_radius = CUTOFF_RATIO * internal_length if self.cutoff_radius is None else self.cutoff_radius
+        return internal_length, cutoff_radius
+
+
+class Coupling(Table):
+    """How the two descriptions are joined (sec. 3.2); deck table ``[coupling]``.
+
+    Attributes
+    ----------
+    kind : "paper" or "paper_a"
+        "paper" (reading B): nodes of the overlap get the lumped peridynamic force only, as the sentence under
+        eq. (26) says. "paper_a" (reading A): overlap elements keep their internal force as well, eq. (18).
+    overlap : int, >= 1
+        Layers of cells, on the finite-element side of the interface, where both descriptions live.
+    """
+
+    kind: Literal["paper", "paper_a"] = key("paper")
+    overlap: int = key(1, ge=1)
+
+
+class _Selection(Table):
+    """Cells chosen by exactly one of: a region, layers beneath a face of the bounding box, a box."""
+
+    region: str | None = key(None)
+    face: Face | None = key(None)
+    layers: int = key(1, ge=1)
+    lower: Vector | None = key(None, dimension="length")
+    upper: Vector | None = key(None, dimension="length")
+
+    def problems(self) -> list[Problem]:
+        """One selection, and layers only with a face."""
+        given = [name for name in ("region", "face") if getattr(self, name) is not None]
+        if self.lower is not None or self.upper is not None:
+            given.append("lower/upper")
+        problems = _corner_problems(self.lower, self.upper, equal=True)
+        if len(given) != 1:
+            has = "none of them" if not given else " and ".join(given)
+            problems.append(
+                Problem("", f"must say where by exactly one of region, face or lower/upper, and has {has}.")
+            )
+        elif self.face is None and self.layers != 1:
+            problems.append(
+                Problem("layers", f"= {self.layers} counts layers from a face, and there is no face. Add it.")
+            )
+        return problems
+
+
+def _one_of(table: BaseModel, *names: str) -> list[Problem]:
+    given = [name for name in names if getattr(table, name) is not None]
+    if len(given) == 1:
+        return []
+    has = "both" if given else "neither"
+    return [Problem("", f"must have either {' or '.join(names)}, and has {has}. Keep one.")]
+
+
+class BodyForce(_Selection):
+    """Force per volume on cells (b of eq. 1); a ``[[loads]]`` table with ``kind = "body_force"``.
+
+    Attributes
+    ----------
+    region, face, layers, lower, upper
+        Where: a region's name; ``layers`` layers of cells beneath a face; or the cells whose centroid lies in
+        the closed box.
+    density : three floats or None, dimension force / length^3
+    total : three floats or None, dimension force
+        Exactly one of the two; both are reached at load factor 1.
+    """
+
+    kind: Literal["body_force"]
+    density: Vector | None = key(None, dimension="force / length^3")
+    total: Vector | None = key(None, dimension="force")
+
+    def problems(self) -> list[Problem]:
+        """One selection, and one of density and total."""
+        return super().problems() + _one_of(self, "density", "total")
+
+
+class Traction(Table):
+    """Force per area on a face of finite elements; a ``[[loads]]`` table with ``kind = "traction"``.
+
+    Attributes
+    ----------
+    face : "x-", "x+", "y-", "y+", "z-" or "z+"
+        Face of the bounding box.
+    traction : three floats or None, dimension force / length^2
+    total : three floats or None, dimension force
+        Exactly one of the two; both are reached at load factor 1.
+    nodal : "consistent" or "equal"
+        Nodal forces from the shape functions, or the same on every node ("uniform point forces", sec. 4.1).
+    """
+
+    kind: Literal["traction"]
+    face: Face = key(remedy="Give the face that is pulled, for example x+.")
+    traction: Vector | None = key(None, dimension="force / length^2")
+    total: Vector | None = key(None, dimension="force")
+    nodal: Literal["consistent", "equal"] = key("consistent")
+
+    def problems(self) -> list[Problem]:
+        """One of traction and total."""
+        return _one_of(self, "traction", "total")
+
+
+Load = Annotated[BodyForce | Traction, Field(discriminator="kind")]
+
+
+class Support(_Selection):
+    """Prescribed displacement components; deck tables ``[[supports]]``.
+
+    Attributes
+    ----------
+    region, face, layers, lower, upper
+        Where, as for a body force. On finite elements a face selects its nodes, on peridynamic cells the
+        points of ``layers`` layers of cells beneath it.
+    x, y, z : float or None, dimension length
+        Prescribed components, reached at load factor 1; None (default) leaves a component free.
+    """
+
+    x: float | None = key(None, dimension="length")
+    y: float | None = key(None, dimension="length")
+    z: float | None = key(None, dimension="length")
+
+    def problems(self) -> list[Problem]:
+        """One selection, and something prescribed."""
+        problems = super().problems()
+        if self.x is None and self.y is None and self.z is None:
+            problems.append(Problem("", "prescribes nothing. Give at least one of x, y and z."))
+        return problems
+
+
+class Solver(Table):
+    """How equilibrium is found (sec. 3.3); deck table ``[solver]``.
+
+    Attributes
+    ----------
+    kind : "adr"
+        Adaptive dynamic relaxation, eqs (31)-(35).
+    tolerance : float, above 0 and below 1, dimension 1
+        Residual relative to the external force, or to the reactions where there is none.
+    max_evaluations : int, >= 1
+        Force evaluations of one load step before the run ends as not converged.
+    """
+
+    kind: Literal["adr"] = key("adr")
+    tolerance: float = key(1.0e-6, gt=0, lt=1, dimension="1")
+    max_evaluations: int = key(200_000, ge=1)
+
+
+class Stepping(Table):
+    """The load program; deck table ``[stepping]``.
+
+    Attributes
+    ----------
+    kind : "steps"
+    load_factors : floats, dimension 1
+        Equilibrium is found at each; strictly rising from 0 (or strictly falling from 0).
+    """
+
+    kind: Literal["steps"] = key("steps")
+    load_factors: tuple[float, ...] = key((1.0,), min_length=1, dimension="1")
+
+    def problems(self) -> list[Problem]:
+        """Load factors strictly monotone from 0."""
+        factors = (0.0, *self.load_factors)
+        sign = 1.0 if factors[1] > 0.0 else -1.0
+        for before, after in itertools.pairwise(factors):
+            if not sign * after > sign * before:
+                word = "different from" if before == 0.0 else "above" if sign > 0 else "below"
+                return [
+                    Problem(
+                        "load_factors",
+                        f"= {show(self.load_factors)} has {show(after)} after {show(before)}, but must "
+                        f"strictly rise (or fall) from 0. Use a number {word} {show(before)}.",
+                    )
+                ]
+        return []
+
+
+class DisplacementProbe(Table):
+    """Displacement at a named point; a ``[[probes]]`` table with ``kind = "displacement"``."""
+
+    kind: Literal["displacement"]
+    name: str = key(min_length=1, remedy="Give the probe a name; results are listed under it.")
+    point: Vector = key(dimension="length", remedy="Give the point, for example [5.0, 0.0, 0.0].")
+
+
+class BarProbe(Table):
+    """Comparison with a uniform bar under tension; a ``[[probes]]`` table with ``kind = "bar"``.
+
+    Attributes
+    ----------
+    axis : "x", "y" or "z"
+    stress : float, not 0, dimension force / length^2
+        Axial stress at load factor 1; the exact strain is ``stress / youngs_modulus``.
+    """
+
+    kind: Literal["bar"]
+    axis: Literal["x", "y", "z"] = key("x")
+    stress: float = key(dimension="force / length^2", remedy="Give force over cross section.")
+
+    def problems(self) -> list[Problem]:
+        """A stress to compare with."""
+        if self.stress != 0.0:
+            return []
+        return [Problem("stress", "= 0.0 gives no elongation to compare with. Give force over area.")]
+
+
+Probe = Annotated[DisplacementProbe | BarProbe, Field(discriminator="kind")]
+
+
+class Output(Table):
+    """What is written beside the summary and the history; deck table ``[output]``."""
+
+    fields: bool = key(True)
+    figures: bool = key(True)
+
+
+class Scene(Table):
+    """What to simulate, complete and frozen; the whole deck.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        Value out of range, wrong type, unknown key, or a check of ``CHECKS``. ``deck.parse_deck`` collects
+        all of them as plain sentences.
+    """
+
+    title: str = key("")
+    units: Units = Field(default_factory=Units)
+    mesh: BoxMesh = key(remedy="Add a table [mesh] with lower, upper and spacing.")
+    material: Material = key(remedy="Add a table [material] with youngs_modulus.")
+    regions: tuple[Region, ...] = key(
+        min_length=1, remedy="Add at least one table [[regions]] with name and model."
+    )
+    peridynamics: Peridynamics = Field(default_factory=Peridynamics)
+    coupling: Coupling = Field(default_factory=Coupling)
+    loads: tuple[Load, ...] = key(())
+    supports: tuple[Support, ...] = key(())
+    solver: Solver = Field(default_factory=Solver)
+    stepping: Stepping = Field(default_factory=Stepping)
+    probes: tuple[Probe, ...] = key(())
+    output: Output = Field(default_factory=Output)
+
+    def problems(self) -> list[Problem]:
+        """What ``CHECKS`` find between the tables."""
+        return find_problems({name: getattr(self, name) for name in type(self).model_fields})
+
+    @property
+    def has_peridynamics(self) -> bool:
+        """Whether some region is described by peridynamics."""
+        return _has_model(self.regions, "peridynamics")
+
+    @property
+    def has_finite_elements(self) -> bool:
+        """Whether some region is described by finite elements."""
+        return _has_model(self.regions, "finite_elements")
+
+    @property
+    def is_coupled(self) -> bool:
+        """Whether the scene has both descriptions."""
+        return self.has_peridynamics and self.has_finite_elements
+
+
+def _has_model(regions: Sequence[Region], model: str) -> bool:
+    models = [getattr(region, "model", None) for region in regions]
+    if model not in models and (None in models or not models):
+        raise AttributeError("model")  # a partial scene does not tell
+    return model in models
+
+
+def _check_poissons_ratio(material: Material, regions: Sequence[Region]) -> list[Problem]:
+    nu = material.poissons_ratio
+    if nu == PERIDYNAMIC_POISSONS_RATIO or not _has_model(regions, "peridynamics"):
+        return []
+    return [
+        Problem(
+            "material.poissons_ratio",
+            f"= {show(nu)} is not 1/4, the only value of bond-based peridynamics. "
+            "Use 0.25, or describe every region by finite_elements.",
+        )
+    ]
+
+
+def _check_cutoff(mesh: BoxMesh, peridynamics: Peridynamics, regions: Sequence[Region]) -> list[Problem]:
+    """A point must reach the next cell, or bodies fall apart."""
+    if not _has_model(regions, "peridynamics"):
+        return []
+    edge = mesh.spacing
+    internal_length, cutoff_radius = peridynamics.lengths(edge)
+    if cutoff_radius < edge * (1.0 - SPACING_TOLERANCE):
+        if peridynamics.cutoff_radius is None:
+            return [
+                Problem(
+                    "peridynamics.internal_length",
+                    f"= {show(internal_length)} makes the cutoff radius 2.5 * internal_length = "
+                    f"{cutoff_radius:.12g}, below mesh.spacing = {show(edge)}: points would not reach "
+                    f"the next cell. Use at least {edge / CUTOFF_RATIO:.12g}; the paper uses {show(edge)}.",
+                )
+            ]
+        return [
+            Problem(
+                "peridynamics.cutoff_radius",
+                f"= {show(cutoff_radius)} is below mesh.spacing = {show(edge)}: points would not reach "
+                f"the next cell. Use 2.5 * spacing = {CUTOFF_RATIO * edge:.12g}, or smaller cells.",
+            )
+        ]
+    return []
+
+
+def _check_region_names(regions: Sequence[Region]) -> list[Problem]:
+    return _repeated_names("regions", regions)
+
+
+def _check_probe_names(probes: Sequence[Any]) -> list[Problem]:
+    problems = _repeated_names("probes", probes)
+    bars = [index for index, probe in enumerate(probes) if isinstance(probe, BarProbe)]
+    for index in bars[1:]:
+        problems.append(
+            Problem(
+                f"probes.{index}.kind", f'= "bar" is there already as probes.{bars[0]}. Remove one of them.'
+            )
+        )
+    return problems
+
+
+def _repeated_names(table: str, items: Sequence[Any]) -> list[Problem]:
+    first: dict[str, int] = {}
+    problems = []
+    for index, item in enumerate(items):
+        name = getattr(item, "name", None)
+        if name is None:
+            continue
+        if name in first:
+            problems.append(
+                Problem(
+                    f"{table}.{index}.name",
+                    f"= {show(name)} is the name of {table}.{first[name]} already. Choose another name.",
+                )
+            )
+        first.setdefault(name, index)
+    return problems
+
+
+def _check_references(regions: Sequence[Region], loads: Sequence[Any]) -> list[Problem]:
+    return _unknown_regions("loads", regions, loads)
+
+
+def _check_support_references(regions: Sequence[Region], supports: Sequence[Any]) -> list[Problem]:
+    return _unknown_regions("supports", regions, supports)
+
+
+def _unknown_regions(table: str, regions: Sequence[Region], items: Sequence[Any]) -> list[Problem]:
+    names = [region.name for region in regions]
+    problems = []
+    for index, item in enumerate(items):
+        name = getattr(item, "region", None)
+        if name is not None and name not in names:
+            remedy = did_you_mean(name, names) or f" The regions are {', '.join(names)}."
+            problems.append(
+                Problem(f"{table}.{index}.region", f"= {show(name)} is not the name of a region.{remedy}")
+            )
+    return problems
+
+
+def _check_tractions(regions: Sequence[Region], loads: Sequence[Any]) -> list[Problem]:
+    if _has_model(regions, "finite_elements"):
+        return []
+    return [
+        Problem(
+            f"loads.{index}.kind",
+            '= "traction" acts on finite elements, and no region has any. Use kind = "body_force" on the '
+            "same face, as in sec. 4.1 of the paper.",
+        )
+        for index, load in enumerate(loads)
+        if isinstance(load, Traction)
+    ]
+
+
+CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
+    (("material", "regions"), _check_poissons_ratio),
+    (("mesh", "peridynamics", "regions"), _check_cutoff),
+    (("regions",), _check_region_names),
+    (("probes",), _check_probe_names),
+    (("regions", "loads"), _check_references),
+    (("regions", "supports"), _check_support_references),
+    (("regions", "loads"), _check_tractions),
+)
+
+
+def find_problems(tables: dict[str, Any]) -> list[Problem]:
+    """Run every check of ``CHECKS`` whose tables are there, and return all findings.
+
+    Tables may be partial (keys that are wrong by themselves left out, items None): a check that needs what is
+    not there says nothing.
+    """
+    problems: list[Problem] = []
+    for names, check in CHECKS:
+        if all(name in tables for name in names):
+            with contextlib.suppress(AttributeError):
+                problems += check(*(tables[name] for name in names))
+    return problems

@@ -1,0 +1,35 @@
+"""What a solver reports, and how it fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """How equilibrium was reached.
+
+    Attributes
+    ----------
+    evaluations : int
+        Force evaluations of this solve.
+    residual : float, dimension 1
+        Norm of the residual force on the free unknowns, relative to the external force or, where larger, to the
+        reactions.
+    """
+
+    evaluations: int
+    residual: float
+
+
+@dataclass(frozen=True)
+class Progress:
+    """State of a solve, for whoever watches it."""
+
+    iteration: int
+    residual: float
+    damping: float
+
+
+class NotConverged(Exception):
+    """No equilibrium: diverged, or the allowed evaluations are used up. Raised on all ranks alike."""

@@ -1,0 +1,60 @@
+"""State: the unknowns of a run on one rank, declared in one table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from pdfem_mpi.forces import Bounds
+from pdfem_mpi.model import Model
+
+
+class Field(NamedTuple):
+    """A field over the unknowns: its name, dimension, and what it is."""
+
+    name: str
+    dimension: str
+    meaning: str
+
+
+#: Every field that a run must keep to go on as if nothing had happened.
+FIELDS = (
+    Field("u", "length", "displacement"),
+    Field("v", "length", "velocity at the half step (time step 1)"),
+    Field("previous_force", "force", "residual force of the evaluation before"),
+)
+
+
+@dataclass
+class State:
+    """Unknowns of one rank, in model units: an array of shape (n_unknowns,) for each row of `FIELDS`.
+
+    Attributes
+    ----------
+    fields : dict of float64 arrays
+    bounds : Bounds
+        What the quanta of the sums rest on.
+    step : int
+        Load steps completed.
+    load_factor : float
+    iteration : int
+        Relaxation iterations since the load last changed.
+    """
+
+    fields: dict[str, np.ndarray]
+    bounds: Bounds = field(default_factory=Bounds)
+    step: int = 0
+    load_factor: float = 0.0
+    iteration: int = 0
+
+    @property
+    def u(self) -> np.ndarray:
+        """Displacement of the unknowns."""
+        return self.fields["u"]
+
+
+def new_state(model: Model) -> State:
+    """A body at rest."""
+    return State({entry.name: np.zeros(model.n_unknowns) for entry in FIELDS})

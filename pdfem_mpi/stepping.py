@@ -1,0 +1,95 @@
+"""The load program: equilibrium at each load factor, and what each equilibrium balances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from pdfem_mpi.forces import Forces
+from pdfem_mpi.loading import LoadCase, exact_dots, remove_rigid_motion, rigid_modes
+from pdfem_mpi.scene import Scene
+from pdfem_mpi.solvers import adr
+from pdfem_mpi.solvers.convergence import Convergence, Progress
+from pdfem_mpi.state import State
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """One equilibrium of the load program.
+
+    Attributes
+    ----------
+    step : int
+        From 1.
+    load_factor : float
+    convergence : Convergence
+    reaction : float64, shape (3,), dimension force
+        Sum of the forces of the supports, model units.
+    force_balance, moment_balance : float, dimension 1
+        Net internal force and moment, relative to the sums of their magnitudes.
+    seconds : float
+    """
+
+    step: int
+    load_factor: float
+    convergence: Convergence
+    reaction: np.ndarray
+    force_balance: float
+    moment_balance: float
+    seconds: float
+
+
+def follow_load_program(
+    scene: Scene, forces: Forces, state: State, case: LoadCase, watch: Callable[[int, Progress], None]
+):
+    """Yield the equilibrium at each load factor. Collective.
+
+    Raises
+    ------
+    NotConverged
+        From the solver.
+    """
+    for step, factor in enumerate(scene.stepping.load_factors[state.step :], start=state.step + 1):
+        start = perf_counter()
+        external = factor * case.external
+        state.u[case.fixed] = factor * case.prescribed[case.fixed]
+        state.iteration = 0
+        state.fields["v"][:] = 0.0
+        convergence = adr.solve(
+            forces,
+            state,
+            external,
+            case.fixed,
+            scene.solver.tolerance,
+            scene.solver.max_evaluations,
+            lambda progress: watch(step, progress),  # noqa: B023 - called within this turn of the loop
+        )
+        remove_rigid_motion(forces.model, case, state.u)
+        state.step, state.load_factor = step, factor
+        reaction, force_balance, moment_balance = _balance(forces, state, case)
+        yield Equilibrium(
+            step, factor, convergence, reaction, force_balance, moment_balance, perf_counter() - start
+        )
+
+
+def _balance(forces: Forces, state: State, case: LoadCase):
+    """Reactions, and how well internal forces sum to nothing: exact sums of one more evaluation."""
+    model = forces.model
+    internal = np.empty_like(state.u)
+    forces.evaluate_surely(state.u, np.zeros_like(state.u), internal)
+    modes = rigid_modes(model)
+    reactions = np.where(case.fixed, internal, 0.0)
+    pairs = [(-reactions, mode) for mode in modes[:3]]
+    pairs += [(internal, mode) for mode in modes]
+    pairs += [(np.abs(internal), np.abs(mode)) for mode in modes]
+    dots = exact_dots(model.comm, pairs)
+    reaction, net, gross = dots[:3], dots[3:9], dots[9:]
+
+    def ratio(d):
+        whole = float(gross[d].max())
+        return float(np.abs(net[d]).max()) / whole if whole > 0.0 else 0.0
+
+    return reaction, ratio(slice(0, 3)), ratio(slice(3, 6))

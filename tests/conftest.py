@@ -1,0 +1,48 @@
+"""Time limit of every test, barrier after every MPI test; ``mpi_tmp_path`` (rank 0) is from pytest-mpi."""
+
+import faulthandler
+import gc
+
+import pytest
+
+from helpers import assert_all
+from pdfem_mpi import launch
+
+launch.prepare_environment()  # before anything loads numba
+
+__all__ = ["assert_all"]
+
+TEST_SECONDS = 120  # a deadlock becomes a failure; the longest default test takes a few seconds
+SLOW_TEST_SECONDS = 3600
+
+
+def _stderr(config):
+    """The terminal's stderr: the one that pytest captures is lost when the process ends."""
+    try:
+        from _pytest.faulthandler import fault_handler_stderr_fd_key
+
+        return config.stash[fault_handler_stderr_fd_key]
+    except (ImportError, KeyError):
+        return 2
+
+
+@pytest.fixture(autouse=True)
+def time_limit(request):
+    """End the process, with the stacks of all threads, when a test takes too long."""
+    slow = request.node.get_closest_marker("slow")
+    seconds = SLOW_TEST_SECONDS if slow else TEST_SECONDS
+    faulthandler.dump_traceback_later(seconds, exit=True, file=_stderr(request.config))
+    yield
+    faulthandler.cancel_dump_traceback_later()
+
+
+@pytest.fixture(autouse=True)
+def barrier(request, time_limit):
+    """Let no rank start the next test before all have ended this one and freed what it left."""
+    yield
+    option = request.config.getoption
+    if request.node.get_closest_marker("mpi") and (option("--only-mpi") or option("--with-mpi")):
+        from pdfem_mpi.parallel.comm import world
+
+        gc.collect()
+        world().Barrier()

@@ -1,0 +1,26 @@
+"""Communicators for the MPI tests: each test runs in groups of 1, 2, ... ranks, up to all there are."""
+
+import pytest
+
+from pdfem_mpi.parallel.comm import world
+
+
+def pytest_generate_tests(metafunc):
+    """Run a test that takes ``comm`` for sizes of the first group that let one of both have each size."""
+    if "comm" in metafunc.fixturenames:
+        option = metafunc.config.getoption
+        n_ranks = world().size if option("--with-mpi") or option("--only-mpi") else 1
+        sizes = range((n_ranks + 1) // 2, n_ranks + 1)
+        metafunc.parametrize("comm", sizes, ids="{}_ranks".format, indirect=True)
+
+
+@pytest.fixture
+def comm(request):
+    """The first n ranks as one group and the others as a second one; both run the test.
+
+    Tests make their collective calls before they assert, so a failing rank leaves nobody waiting.
+    """
+    everyone = world()
+    group = everyone.Split(int(everyone.rank >= request.param))
+    yield group
+    group.Free()
