@@ -183,7 +183,9 @@ def make_bonds(comm, points: Points, cutoff: float, finite: bool, correction: st
             count += families.fill_rows(
                 *rows.arrays, points.x, points.volume, factor, RESPONSE_CONSTANT, cutoff, finite, strongest
             )
-        return Bonds(interior, boundary, finite, cutoff, added, taken, count, *largest(comm, strongest).tolist())
+        return Bonds(
+            interior, boundary, finite, cutoff, added, taken, count, *largest(comm, strongest).tolist()
+        )
 
     bonds = filled(np.empty(0))
     if correction == "none":
@@ -202,22 +204,20 @@ def _appendix_a(comm, points: Points, bonds: Bonds) -> tuple[np.ndarray, float]:
     remaining : float
         Largest ``|G / g_inf - 1|`` before the last update, on all ranks.
     """
-    T = np.zeros((points.n_clusters, 9, W))
-    T[:, 3:6] = points.x.reshape(-1, 3, W)
+    T, integers = sums_table(points)
     T[:, 0:3] = 1.0
     blocks = T.reshape(-1, 2, 9, W)
     remaining = 0.0
     for _ in range(surface_correction.SWEEPS):
         widest = float(largest(comm, np.array([T[:, 0:3].max(initial=0.0)]))[0])
-        quantum, pattern = pattern_for(bonds.strongest * widest)
-        _start_sums(T, bonds.added + bonds.taken, pattern)
+        quantum, pattern = start_sums(T, bonds.added + bonds.taken, bonds.strongest * widest)
         for rows in bonds.rows:
-            surface_correction.add_responses(*rows.arrays, T.reshape(-1), _integers(T), pattern, bonds.finite)
+            surface_correction.add_responses(*rows.arrays, T.reshape(-1), integers, pattern, bonds.finite)
         points.halo.scatter_reverse(blocks.view(np.int64)[:, :, 6:9])
         worst = surface_correction.update_factors(
             2 * points.n_owned,
             T.reshape(-1),
-            _integers(T),
+            integers,
             points.volume,
             quantum,
             surface_correction.INFINITE_RESPONSE * BULK_MODULUS,
@@ -235,25 +235,42 @@ def fictitious_masses(points: Points, bonds: Bonds) -> np.ndarray:
     float64, shape (n_owned * 8,), dimension force / length
         By cluster and lane.
     """
-    T = np.zeros((points.n_clusters, 9, W))
-    T[:, 3:6] = points.x.reshape(-1, 3, W)
-    quantum, pattern = pattern_for(bonds.stiffest)
-    _start_sums(T, bonds.added + bonds.taken, pattern)
+    T, integers = sums_table(points)
+    quantum, pattern = start_sums(T, bonds.added + bonds.taken, bonds.stiffest)
     for rows in bonds.rows:
-        add_densities(*rows.arrays, T.reshape(-1), _integers(T), pattern, bonds.finite)
+        add_densities(*rows.arrays, T.reshape(-1), integers, pattern, bonds.finite)
     points.halo.scatter_reverse(T.view(np.int64).reshape(-1, 2, 9, W)[:, :, 6:9])
     sums = T.view(np.int64)[: 2 * points.n_owned, 6:9] * quantum
     return np.ascontiguousarray(sums.max(axis=1)).reshape(-1)
 
 
-def _start_sums(T: np.ndarray, terms: np.ndarray, pattern: float) -> None:
-    """Integer start values that take back the patterns the sweeps will add."""
+def sums_table(points: Points) -> tuple[np.ndarray, np.ndarray]:
+    """A table with the positions in rows 3-5, for kernels that sum over bonds, and its flat view as integers."""
+    T = np.zeros((points.n_clusters, 9, W))
+    T[:, 3:6] = points.x.reshape(-1, 3, W)
+    return T, T.view(np.int64).reshape(-1)
+
+
+def start_sums(T: np.ndarray, terms: np.ndarray, bound: float) -> tuple[float, float]:
+    """Write integer start values that take back the patterns the kernel will add.
+
+    Parameters
+    ----------
+    T : float64, shape (n_clusters, 9, 4)
+        Rows 6-8 are overwritten.
+    terms : int64, shape (n_clusters * 4,)
+        How often each point's sum receives a term.
+    bound : float
+        Of a term.
+
+    Returns
+    -------
+    quantum, pattern : float
+    """
+    quantum, pattern = pattern_for(bound)
     with np.errstate(over="ignore"):
         T.view(np.int64)[:, 6:9] = (-terms * integer_bits(pattern)).reshape(-1, 1, W)
-
-
-def _integers(T: np.ndarray) -> np.ndarray:
-    return T.view(np.int64).reshape(-1)
+    return quantum, pattern
 
 
 def total_bonds(comm, bonds: Bonds | None) -> int:

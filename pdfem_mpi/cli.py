@@ -13,6 +13,7 @@ import importlib.metadata
 import math
 import os
 import platform
+import re
 import subprocess
 import sys
 import tempfile
@@ -334,7 +335,10 @@ def _launcher(problems: list[str]) -> str:
     except launch.LaunchError as error:
         problems.append(str(error))
         return "none"
-    probe = "from pdfem_mpi.parallel.comm import world; print('world', world().size)"
+    # one write: the lines of ranks may mingle
+    probe = (
+        "import sys; from pdfem_mpi.parallel.comm import world; sys.stdout.write(f'<world {world().size}>')"
+    )
     start = time.perf_counter()
     try:
         answer = subprocess.run(
@@ -346,7 +350,7 @@ def _launcher(problems: list[str]) -> str:
             timeout=START_TEST_SECONDS,
             check=False,
         )
-        sizes = [line.split()[1] for line in answer.stdout.splitlines() if line.startswith("world ")]
+        sizes = re.findall(r"<world (\d+)>", answer.stdout)
         reason = (answer.stderr.strip().splitlines() or [f"exit code {answer.returncode}"])[-1]
     except subprocess.TimeoutExpired:
         sizes, reason = [], f"nothing within {START_TEST_SECONDS} s"

@@ -344,7 +344,7 @@ def _sentences(errors: Iterable[Any], data: dict[str, Any]) -> list[Problem]:
             loc = item["loc"]
             place = _walk(loc, data)
             absent = [other[-1] for other in missing - explained if other[:-1] == loc[:-1]]
-            hint = did_you_mean(loc[-1], absent) or did_you_mean(loc[-1], place.table.model_fields)
+            hint = did_you_mean(loc[-1], place.table.model_fields)
             misspelt[loc] = hint or _other_home(str(loc[-1]), place.table)
             explained |= {(*loc[:-1], name) for name in absent if hint == f" Did you mean {name}?"}
     problems = []

@@ -1,10 +1,10 @@
 """From the scene and its mesh to collocation points, finite elements and their overlap, in model units.
 
-The discretization is global and the same on every rank: about 150 bytes a cell, against 20,000 bytes of bonds a
+The discretization is global and the same on every rank: about 150 bytes a cell, against 20,000 bytes of bonds of a
 peridynamic cell. What a rank keeps of it is cut out in ``model.py``.
 
-**Model units.** Lengths are in units of the internal length ``l`` (without peridynamics: of the mean edge), measured from
-the centre of the bounding box, stresses in units of Young's modulus. Numbers stored in single precision then do
+**Model units.** Lengths are in units of the internal length ``l`` (without peridynamics: of the mean edge), measured
+from the centre of the bounding box, stresses in units of Young's modulus. Numbers stored in single precision then do
 not depend on the deck's units, and a body far from the origin loses nothing after this subtraction.
 """
 
@@ -146,7 +146,7 @@ def _assign_regions(scene: Scene, mesh: HexMesh) -> np.ndarray:
         inside = mesh.cells_in_box(entry.lower, entry.upper)
         if not inside.any():
             messages.append(
-                f'regions.{entry.name} contains no cell: its box misses all centroids of the mesh, which lie in '
+                f"regions.{entry.name} contains no cell: its box misses all centroids of the mesh, which lie in "
                 f"{_span(mesh.centroids)}. Correct lower or upper, or remove the region."
             )
         twice = inside & (region >= 0)
@@ -202,5 +202,6 @@ def _span(points: np.ndarray) -> str:
 def _places(mesh: HexMesh, chosen: np.ndarray) -> str:
     """The first few chosen cells and where they are."""
     return ", ".join(
-        f"{cell} at ({', '.join(f'{c:.6g}' for c in mesh.centroids[cell])})" for cell in np.flatnonzero(chosen)[:3]
+        f"{cell} at ({', '.join(f'{c:.6g}' for c in mesh.centroids[cell])})"
+        for cell in np.flatnonzero(chosen)[:3]
     )

@@ -23,7 +23,7 @@ CHUNK = 16384
 #: Bounds are powers of two, at least this much above what was met, so that they are rarely met again.
 HEADROOM = 4.0
 #: A bound this much above what is met is lowered: it costs digits.
-SLACK = 2.0**12
+SLACK = 2.0**8
 
 
 @dataclass
@@ -33,13 +33,16 @@ class Bounds:
     Attributes
     ----------
     bond : float
-        Bound of ``|e|`` (finite kinematics, dimension 1) or of ``|K' eta . xi|`` (linear, force / length).
+        Bound of ``|e|`` (finite kinematics, dimension 1), of ``|K' eta . xi|`` (linear, force / length), or of a
+        component of a bond's force (tangent, force).
     element : float, dimension length
         Bound of the differences of displacements within an element.
+
+    They start generous: the first evaluations then count, with fewer digits.
     """
 
-    bond: float = 2.0**-60
-    element: float = 2.0**-60
+    bond: float = 2.0**-3
+    element: float = 2.0**-3
 
 
 @dataclass
@@ -50,6 +53,8 @@ class Forces:
     ----------
     model : Model
     bounds : Bounds
+    tangent : bool
+        Evaluate the tangent of finite bond forces, at the displacements given to `linearise`.
     evaluations : int
         Sweeps over the bonds and elements so far.
     met : float64, shape (2,)
@@ -60,10 +65,11 @@ class Forces:
 
     model: Model
     bounds: Bounds = field(default_factory=Bounds)
+    tangent: bool = False
     evaluations: int = 0
     met: np.ndarray = field(default_factory=lambda: np.zeros(2))
     seconds: dict[str, float] = field(
-        default_factory=lambda: dict(bonds=0.0, elements=0.0, exchange=0.0, other=0.0)
+        default_factory=lambda: {"bonds": 0.0, "elements": 0.0, "exchange": 0.0, "other": 0.0}
     )
 
     def __post_init__(self):
@@ -100,8 +106,9 @@ class Forces:
             self.force_nodes[:] = 0
         if points:
             flat, blocks = self.S.reshape(-1), self.S.reshape(-1, 2, 9, W)
+            has_z = bonds.finite and not self.tangent
             bond_quantum, pattern = pattern_for(self._bond_force_bound())
-            peridynamics.load_displacements(u[:n], points.x, flat, 2 * points.n_free, bonds.finite)
+            peridynamics.load_displacements(u[:n], points.x, flat, 2 * points.n_free, has_z)
             peridynamics.reset_forces(self.SI.reshape(-1), self.excess, integer_bits(pattern))
         clock.lap("other")
         if nodes:
@@ -110,7 +117,7 @@ class Forces:
         if points:
             if model.overlap:
                 overlap.interpolate(self.S, points.n_free, model.overlap.connectivity, self.u_nodes)
-                if bonds.finite:
+                if has_z:
                     peridynamics.complete_z(2 * points.n_free, 2 * points.n_owned, points.x, flat)
                 clock.lap("other")
             points.halo.start_forward(blocks[:, :, 0:3])
@@ -119,7 +126,7 @@ class Forces:
             clock.lap("bonds")
             points.halo.finish_forward(blocks[:, :, 0:3])
             clock.lap("exchange")
-            if bonds.finite:
+            if has_z:
                 peridynamics.complete_z(2 * points.n_owned, points.n_clusters, points.x, flat)
             self._sweep_bonds(bonds.boundary, pattern)
             clock.lap("bonds")
@@ -146,6 +153,18 @@ class Forces:
             np.multiply(owned, node_quantum, out=force[n:])
             force[n:] += external[n:]
             clock.lap("other")
+
+    def linearise(self, u: np.ndarray) -> None:
+        """Take the tangent at the displacements ``u``, shape (n_unknowns,). Collective."""
+        model = self.model
+        points, n = model.points, model.n_point_unknowns
+        peridynamics.load_displacements(u[:n], points.x, self.S.reshape(-1), 2 * points.n_free, False)
+        if model.overlap:
+            self.u_nodes[: model.nodes.n_owned] = u[n:].reshape(-1, 3)
+            model.nodes.halo.scatter_forward(self.u_nodes)
+            overlap.interpolate(self.S, points.n_free, model.overlap.connectivity, self.u_nodes)
+        points.halo.scatter_forward(self.S.reshape(-1, 2, 9, W)[:, :, 0:3])
+        self.S[:, 3:6] = points.x.reshape(-1, 3, W) + self.S[:, 0:3]
 
     def flags(self) -> tuple[int, int, int]:
         """This rank's votes about the bounds, to be added over all ranks.
@@ -194,7 +213,10 @@ class Forces:
         model, places = self.model, []
         if model.points:
             wrong = np.flatnonzero(~np.isfinite(point_rows(u[:n])).all(axis=1))[:1]
-            places += [("point", 8 * model.points.cell_number[i // 8] + i % 8, point_rows(model.points.x)[i]) for i in wrong]
+            places += [
+                ("point", 8 * model.points.cell_number[i // 8] + i % 8, point_rows(model.points.x)[i])
+                for i in wrong
+            ]
         if model.nodes:
             wrong = np.flatnonzero(~np.isfinite(u[n:].reshape(-1, 3)).all(axis=1))[:1]
             places += [("node", model.nodes.number[i], model.nodes.x[i]) for i in wrong]
@@ -207,11 +229,15 @@ class Forces:
     def _bond_force_bound(self) -> float:
         """Bound of a component of a bond's force."""
         bonds = self.model.bonds
+        if self.tangent:
+            return self.bounds.bond
         return self.bounds.bond * (bonds.strongest if bonds.finite else bonds.cutoff)
 
     def _sweep_bonds(self, rows, pattern, halo=None) -> None:
         bonds = self.model.bonds
-        if not bonds.finite:
+        if self.tangent:
+            sweep = peridynamics.add_forces_tangent
+        elif not bonds.finite:
             sweep = peridynamics.add_forces_linear
         elif self.bounds.bond <= peridynamics.SERIES_LIMIT:
             sweep = peridynamics.add_forces_series
@@ -237,7 +263,14 @@ class Forces:
         if elements.general:
             part = elements.general
             finite_elements.add_general_forces(
-                self.force_nodes, self.u_nodes, part.connectivity, part.tables, part.lam, part.mu, quantum, met
+                self.force_nodes,
+                self.u_nodes,
+                part.connectivity,
+                part.tables,
+                part.lam,
+                part.mu,
+                quantum,
+                met,
             )
         self.met[1] = met[0]
 

@@ -16,7 +16,7 @@ from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_volumes
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
 from pdfem_mpi.model import Model, cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import sum_integers
-from pdfem_mpi.scene import BodyForce, Scene, SceneError, Support, Traction
+from pdfem_mpi.scene import BodyForce, Scene, SceneError, Traction
 
 #: Loads work on a free rigid motion when this fraction of their absolute work is left over.
 BALANCE_TOLERANCE = 1e-9
@@ -201,7 +201,9 @@ def _select_cells(discretization: Discretization, entry, where: str, scene: Scen
         chosen = mesh.cells_in_box(entry.lower, entry.upper)
     if not chosen.any():
         raise SceneError(
-            [f"{where} selects no cell of the mesh, whose cells are {mesh.largest_edge:.6g} wide. Widen its box."]
+            [
+                f"{where} selects no cell of the mesh, whose cells are {mesh.largest_edge:.6g} wide. Widen its box."
+            ]
         )
     return chosen
 
@@ -226,7 +228,7 @@ def _traction(discretization: Discretization, load: Traction, where: str) -> np.
         raise SceneError(
             [
                 f"{where}.face = {load.face} has {count} of {len(cells)} faces on peridynamic cells, where a traction "
-                f"gives no force (sec. 2.2). Use kind = \"body_force\" with face = \"{load.face}\"."
+                f'gives no force (sec. 2.2). Use kind = "body_force" with face = "{load.face}".'
             ]
         )
     corners = discretization.nodes[faces]
@@ -307,7 +309,9 @@ def _point_forces(discretization: Discretization, model: Model, on_cells: np.nda
     if not model.points:
         return np.empty(0)
     density = _pick_points(discretization, model, on_cells)
-    volume = np.repeat(model.points.volume[: 8 * model.points.n_free].reshape(-1, 1, 4), 3, axis=1).reshape(-1)
+    volume = np.repeat(model.points.volume[: 8 * model.points.n_free].reshape(-1, 1, 4), 3, axis=1).reshape(
+        -1
+    )
     return density * volume
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -64,9 +65,10 @@ class SharedElements:
 
 @dataclass(frozen=True)
 class GeneralElements:
-    """Elements of any shape: geometry tables and Lame's moduli per element."""
+    """Elements of any shape: positions of their nodes, geometry tables and Lame's moduli per element."""
 
     connectivity: np.ndarray
+    corners: np.ndarray
     tables: np.ndarray
     lam: np.ndarray
     mu: np.ndarray
@@ -80,13 +82,38 @@ class Elements:
     ----------
     shared : tuple of SharedElements
     general : GeneralElements or None
+    poissons_ratio : float
     bound : float, dimension force / length
         Largest force component per largest difference of nodal displacements, on all ranks.
     """
 
     shared: tuple[SharedElements, ...]
     general: GeneralElements | None
+    poissons_ratio: float
     bound: float
+
+    def per_node(self, pick: Callable[[np.ndarray], np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Numbers taken from the elements' stiffness matrices, for their nodes.
+
+        Parameters
+        ----------
+        pick : callable
+            From stiffness matrices (n, 24, 24) to numbers (n, 8, k).
+
+        Yields
+        ------
+        connectivity : int32, shape (n, 8)
+        numbers : float64, shape (n, 8, k)
+        """
+        for part in self.shared:
+            yield part.connectivity, part.scale[:, None, None] * pick(part.stiffness[None])
+        if self.general:
+            part = self.general
+            for start in range(0, len(part.connectivity), BATCH):
+                batch = slice(start, start + BATCH)
+                youngs_modulus = part.mu[batch] * (2.0 * (1.0 + self.poissons_ratio))
+                stiffness = element_stiffness(part.corners[batch], youngs_modulus, self.poissons_ratio)
+                yield part.connectivity[batch], pick(stiffness)
 
 
 @dataclass(frozen=True)
@@ -104,6 +131,8 @@ class Model:
     ----------
     comm : Intracomm
     units : ModelUnits
+    owner : int32, shape (n_cells,)
+        Rank of every cell of the mesh.
     subdomain : Subdomain
     points, bonds, nodes, elements, overlap : or None
         What the scene has; the same parts on every rank, though a rank's share may be empty.
@@ -115,6 +144,7 @@ class Model:
 
     comm: Intracomm
     units: ModelUnits
+    owner: np.ndarray
     subdomain: Subdomain
     points: Points | None
     bonds: Bonds | None
@@ -153,7 +183,8 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -
     SceneError
         More ranks than cells.
     """
-    subdomain = cut_out(discretization, partition(discretization, comm.size), comm.rank)
+    owner = partition(discretization, comm.size)
+    subdomain = cut_out(discretization, owner, comm.rank)
     points = bonds = nodes = elements = overlap = None
     remaining = 0.0
     if discretization.has_points.any():
@@ -164,16 +195,52 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -
         )
     if discretization.has_nodes.any():
         nodes = _make_nodes(discretization, subdomain, comm)
-        local = np.full(len(discretization.nodes), -1, np.int32)
-        local[np.concatenate([subdomain.owned_nodes, subdomain.ghost_nodes])] = np.arange(len(nodes.number))
+        local = local_nodes(discretization, subdomain)
     if discretization.has_stiffness.any():
         elements = _make_elements(discretization, subdomain, local, comm)
     if discretization.is_overlap.any():
         overlap = Overlap(local[discretization.mesh.cells[subdomain.overlap]])
-    mass = _masses(discretization, subdomain, comm, points, bonds, nodes, overlap, local if nodes else None)
+    mass = _masses(comm, points, bonds, nodes, elements, overlap)
     return Model(
-        comm, discretization.units, subdomain, points, bonds, nodes, elements, overlap, mass, remaining
+        comm, discretization.units, owner, subdomain, points, bonds, nodes, elements, overlap, mass, remaining
     )
+
+
+def build_intact_elements(discretization: Discretization, model: Model) -> Model:
+    """The same body with a finite element in every cell, on the same ranks. Collective.
+
+    Its stiffness is the local limit of the bonds: what coarse spaces are made of. Masses are left 0.
+    """
+    everywhere = np.ones(len(discretization.mesh.cells), bool)
+    intact = replace(
+        discretization,
+        has_points=~everywhere,
+        is_overlap=~everywhere,
+        has_stiffness=everywhere,
+        point_cell_number=np.full(len(everywhere), -1),
+        node_number=np.arange(len(discretization.nodes)),
+    )
+    subdomain = cut_out(intact, model.owner, model.comm.rank)
+    nodes = _make_nodes(intact, subdomain, model.comm)
+    elements = _make_elements(intact, subdomain, local_nodes(intact, subdomain), model.comm)
+    return replace(
+        model,
+        subdomain=subdomain,
+        points=None,
+        bonds=None,
+        nodes=nodes,
+        elements=elements,
+        overlap=None,
+        mass=np.zeros(3 * nodes.n_owned),
+    )
+
+
+def local_nodes(discretization: Discretization, subdomain: Subdomain) -> np.ndarray:
+    """Local index of each node of the mesh on this rank, -1 for nodes it does not see; int32, shape (n_nodes,)."""
+    local = np.full(len(discretization.nodes), -1, np.int32)
+    seen = np.concatenate([subdomain.owned_nodes, subdomain.ghost_nodes])
+    local[seen] = np.arange(len(seen))
+    return local
 
 
 def _make_points(discretization: Discretization, subdomain: Subdomain, comm) -> Points:
@@ -246,15 +313,15 @@ def _make_elements(discretization: Discretization, subdomain: Subdomain, local, 
         mine = subdomain.elements[shape[subdomain.elements] < 0]
         lam, mu = lame_moduli(np.ones(len(mine)), nu)
         general = GeneralElements(
-            local[discretization.mesh.cells[mine]], gradient_tables(corners[mine]), lam, mu
+            local[discretization.mesh.cells[mine]], corners[mine], gradient_tables(corners[mine]), lam, mu
         )
         for start in range(0, len(mine), BATCH):
             batch = mine[start : start + BATCH]
             bound = max(bound, force_bound(element_stiffness(corners[batch], np.ones(len(batch)), nu)))
-    return Elements(tuple(shared), general, float(largest(comm, np.array([bound]))[0]))
+    return Elements(tuple(shared), general, nu, float(largest(comm, np.array([bound]))[0]))
 
 
-def _masses(discretization, subdomain, comm, points, bonds, nodes, overlap, local) -> np.ndarray:
+def _masses(comm, points, bonds, nodes, elements, overlap) -> np.ndarray:
     """Fictitious masses of the unknowns.
 
     A node of the overlap carries the lumped densities of its points, ``sum_p N_I(x_p) lambda_p w_p``: by Gershgorin
@@ -265,23 +332,35 @@ def _masses(discretization, subdomain, comm, points, bonds, nodes, overlap, loca
         densities = fictitious_masses(points, bonds)
         parts.append(np.repeat(densities.reshape(-1, 1, W)[: 2 * points.n_free], 3, axis=1).reshape(-1))
     if nodes:
-        contributions = []  # (local nodes (n, 8), masses (n, 8, 3))
-        nu = discretization.poissons_ratio
-        for start in range(0, len(subdomain.elements), BATCH):
-            cells = discretization.mesh.cells[subdomain.elements[start : start + BATCH]]
-            stiffness = element_stiffness(discretization.nodes[cells], np.ones(len(cells)), nu)
-            contributions.append((local[cells], element_masses(stiffness).reshape(-1, 8, 3)))
+        contributions = []
+        if elements:
+            contributions += elements.per_node(lambda stiffness: element_masses(stiffness).reshape(-1, 8, 3))
         if overlap:
             density = densities.reshape(-1, 8)[points.n_free : points.n_owned]
             lumped = np.zeros((len(density), 8))
             for p in range(8):
                 lumped += SHAPE_AT_GAUSS[p] * density[:, p, None]
             contributions.append((overlap.connectivity, np.repeat(lumped[:, :, None], 3, axis=2)))
-        top = max((float(m.max(initial=0.0)) for _, m in contributions), default=0.0)
-        quantum, _ = pattern_for(float(largest(comm, np.array([top]))[0]))
-        total = np.zeros((len(nodes.number), 3), np.int64)
-        for where, masses in contributions:
-            np.add.at(total, where.reshape(-1), np.rint(masses / quantum).astype(np.int64).reshape(-1, 3))
-        nodes.halo.scatter_reverse(total)
-        parts.append((total[: nodes.n_owned] * quantum).reshape(-1))
+        parts.append(assemble(comm, nodes, contributions, 3).reshape(-1))
     return np.concatenate(parts)
+
+
+def assemble(comm, nodes: Nodes, contributions, width: int) -> np.ndarray:
+    """Sum numbers of cells at their nodes, in any order to the same bits. Collective.
+
+    Parameters
+    ----------
+    contributions : list of (int32 (n, 8), float64 (n, 8, width))
+        Local nodes of cells, and a row of numbers for each.
+
+    Returns
+    -------
+    float64, shape (n_owned, width)
+    """
+    top = max((float(np.abs(numbers).max(initial=0.0)) for _, numbers in contributions), default=0.0)
+    quantum, _ = pattern_for(float(largest(comm, np.array([top]))[0]))
+    total = np.zeros((len(nodes.number), width), np.int64)
+    for where, numbers in contributions:
+        np.add.at(total, where.reshape(-1), np.rint(numbers / quantum).astype(np.int64).reshape(-1, width))
+    nodes.halo.scatter_reverse(total)
+    return total[: nodes.n_owned] * quantum

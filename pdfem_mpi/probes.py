@@ -84,7 +84,9 @@ def _reference_coordinates(corners: np.ndarray, point: np.ndarray) -> np.ndarray
     return rst
 
 
-def measure_bar(scene: Scene, discretization: Discretization, fields: Fields, probe: BarProbe, factor: float) -> Bar:
+def measure_bar(
+    scene: Scene, discretization: Discretization, fields: Fields, probe: BarProbe, factor: float
+) -> Bar:
     """Average a bar over its cross sections at a load factor."""
     mesh = discretization.mesh
     axis = "xyz".index(probe.axis)
@@ -135,7 +137,9 @@ def _interface(discretization, axis, use_points):
     return inner, (low, high)
 
 
-def bar_results(scene: Scene, discretization: Discretization, bar: Bar, probe: BarProbe, factor: float) -> dict:
+def bar_results(
+    scene: Scene, discretization: Discretization, bar: Bar, probe: BarProbe, factor: float
+) -> dict:
     """End error, moduli and Poisson's ratio of each half, and the jump at the interface.
 
     The end error is that of the last layer of cells, in percent of the exact displacement of the end face.
@@ -145,13 +149,17 @@ def bar_results(scene: Scene, discretization: Discretization, bar: Bar, probe: B
     """
     strain = factor * probe.stress / scene.material.youngs_modulus
     margin = MARGIN * (discretization.cutoff * discretization.units.length or discretization.mesh.mean_edge)
-    lower, upper = (corner["xyz".index(probe.axis)] for corner in (discretization.mesh.lower, discretization.mesh.upper))
+    lower, upper = (
+        corner["xyz".index(probe.axis)] for corner in (discretization.mesh.lower, discretization.mesh.upper)
+    )
     clear = (bar.coordinate > lower + margin) & (bar.coordinate < upper - margin)
     if bar.interface is not None:
         clear &= np.abs(bar.coordinate - bar.interface) > margin
     results = {
         "end_displacement": float(bar.displacement[-1]),
-        "end_error_percent": float(100.0 * (bar.displacement[-1] - bar.exact[-1]) / (0.5 * strain * (upper - lower))),
+        "end_error_percent": float(
+            100.0 * (bar.displacement[-1] - bar.exact[-1]) / (0.5 * strain * (upper - lower))
+        ),
     }
     lines = {}
     for name, of_points in (("finite_elements", False), ("peridynamics", True)):
@@ -164,6 +172,8 @@ def bar_results(scene: Scene, discretization: Discretization, bar: Bar, probe: B
         results[f"modulus_ratio_{name}"] = float(strain / lines[name][0])
         results[f"poissons_ratio_{name}"] = float(-bar.lateral_strain[chosen].mean() / lines[name][0])
     if bar.interface is not None and len(lines) == 2:
-        gap = np.polyval(lines["peridynamics"], bar.interface) - np.polyval(lines["finite_elements"], bar.interface)
+        gap = np.polyval(lines["peridynamics"], bar.interface) - np.polyval(
+            lines["finite_elements"], bar.interface
+        )
         results["interface_jump"] = float(gap / (strain * discretization.mesh.mean_edge))
     return results

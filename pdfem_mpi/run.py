@@ -29,7 +29,7 @@ from pdfem_mpi.results.summary import write_summary
 from pdfem_mpi.scene import BarProbe, DisplacementProbe, Scene, SceneError
 from pdfem_mpi.solvers.convergence import NotConverged, Progress
 from pdfem_mpi.state import new_state
-from pdfem_mpi.stepping import Equilibrium, follow_load_program
+from pdfem_mpi.stepping import Equilibrium, follow_load_program, make_solver
 
 EXIT_FINISHED, EXIT_NOT_WRITTEN, EXIT_NOT_CONVERGED = 0, 73, 74
 SCHEMA_VERSION = 1
@@ -165,6 +165,7 @@ class _Run:
             case = make_load_case(scene, discretization, model)
             state = new_state(model)
             forces = Forces(model, state.bounds)
+            solve = make_solver(scene, discretization, forces, case)
         on_root(comm, self._open_folder)
         counts = _counts(discretization, model)
         self.reporter.line(_headline(scene, comm, counts, self.seconds["setup"]))
@@ -177,11 +178,11 @@ class _Run:
 
         solve_start, output = perf_counter(), 0.0
         try:
-            for equilibrium in follow_load_program(scene, forces, state, case, watch):
+            for equilibrium in follow_load_program(scene, solve, forces, state, case, watch):
                 self.rows.append(equilibrium)
                 output_start = perf_counter()
                 fields = gather_fields(discretization, forces, state.u)
-                on_root(comm, lambda e=equilibrium, f=fields: writer(e, f, model))  # noqa: B023
+                on_root(comm, lambda e=equilibrium, f=fields: writer(e, f, model))
                 output += perf_counter() - output_start
         except NotConverged as error:
             code, reason = EXIT_NOT_CONVERGED, str(error)
@@ -211,7 +212,9 @@ class _Run:
 
     def _refuse_folder(self) -> list[str]:
         if (self.out / "summary.json").exists() and not self.overwrite:
-            return [f"the folder {self.out} already holds a run. Use --overwrite, or another folder with --out."]
+            return [
+                f"the folder {self.out} already holds a run. Use --overwrite, or another folder with --out."
+            ]
         return []
 
     def _open_folder(self) -> None:
@@ -296,10 +299,15 @@ class _Run:
         )
         (self.out / "figures").mkdir(exist_ok=True)
         plots.axial_displacement(
-            self.out / "figures" / "axial_displacement.png", stations, self.scene.title, self.scene.units.length
+            self.out / "figures" / "axial_displacement.png",
+            stations,
+            self.scene.title,
+            self.scene.units.length,
         )
 
-    def _summary(self, code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields):
+    def _summary(
+        self, code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields
+    ):
         last = self.rows[-1] if self.rows else None
         return {
             "schema_version": SCHEMA_VERSION,
@@ -354,7 +362,9 @@ def _counts(discretization: Discretization, model: Model | None) -> dict[str, in
 
 
 def _headline(scene, comm, counts, seconds) -> str:
-    parts = [f"{counts[name]:,} {name.replace('_', ' ')}" for name in ("elements", "points", "undirected_bonds")]
+    parts = [
+        f"{counts[name]:,} {name.replace('_', ' ')}" for name in ("elements", "points", "undirected_bonds")
+    ]
     return f"{scene.title or 'scene'}: {', '.join(parts)} on {comm.size} ranks, set up in {seconds:.1f} s"
 
 
@@ -364,14 +374,18 @@ def _end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
     rows.append(("force evaluations", f"{solve['evaluations']:,}"))
     if solve["relative_residual"] is not None:
         rows.append(("relative residual", f"{solve['relative_residual']:.2e}"))
-        rows.append(("net internal force, moment", f"{balance['force']:.1e}, {balance['moment']:.1e} of the sums"))
+        rows.append(
+            ("net internal force, moment", f"{balance['force']:.1e}, {balance['moment']:.1e} of the sums")
+        )
     length = scene.units.length
     for name, value in summary["probes"].items():
         unit = f" {length}" if isinstance(value, list) or name == "end_displacement" else ""
         text = ", ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else f"{value:.6g}"
         rows.append((name.replace("_", " "), text + unit))
     seconds = summary["seconds"]
-    rows.append(("seconds: set-up, solve, total", ", ".join(f"{seconds[k]:.1f}" for k in ("setup", "solve", "total"))))
+    rows.append(
+        ("seconds: set-up, solve, total", ", ".join(f"{seconds[k]:.1f}" for k in ("setup", "solve", "total")))
+    )
     rows.append(("peak memory per rank", f"{max(summary['memory']['peak_bytes_per_rank']) / 2**20:.0f} MiB"))
     return rows
 

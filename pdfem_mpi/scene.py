@@ -169,7 +169,7 @@ class BoxMesh(Table):
 
 def _divides(side: float, spacing: float) -> bool:
     count = round(side / spacing)
-    return count >= 1 and abs(count * spacing - side) <= SPACING_TOLERANCE * side
+    return abs(count * spacing - side) <= SPACING_TOLERANCE * side
 
 
 def nearest_fitting_spacing(sides: Sequence[float], spacing: float) -> float | None:
@@ -414,15 +414,15 @@ class Solver(Table):
 
     Attributes
     ----------
-    kind : "adr"
-        Adaptive dynamic relaxation, eqs (31)-(35).
+    kind : "adr" or "cg"
+        Adaptive dynamic relaxation, eqs (31)-(35), as in the paper; or preconditioned conjugate gradients.
     tolerance : float, above 0 and below 1, dimension 1
         Residual relative to the external force, or to the reactions where there is none.
     max_evaluations : int, >= 1
         Force evaluations of one load step before the run ends as not converged.
     """
 
-    kind: Literal["adr"] = key("adr")
+    kind: Literal["adr", "cg"] = key("adr")
     tolerance: float = key(1.0e-6, gt=0, lt=1, dimension="1")
     max_evaluations: int = key(200_000, ge=1)
 

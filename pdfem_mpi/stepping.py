@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 
 import numpy as np
 
+from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.forces import Forces
 from pdfem_mpi.loading import LoadCase, exact_dots, remove_rigid_motion, rigid_modes
 from pdfem_mpi.scene import Scene
-from pdfem_mpi.solvers import adr
+from pdfem_mpi.solvers import adr, cg
 from pdfem_mpi.solvers.convergence import Convergence, Progress
+from pdfem_mpi.solvers.multilevel import make_preconditioner
 from pdfem_mpi.state import State
 
 
@@ -42,8 +45,25 @@ class Equilibrium:
     seconds: float
 
 
+def make_solver(scene: Scene, discretization: Discretization, forces: Forces, case: LoadCase) -> Callable:
+    """The scene's solver as ``solve(state, external, watch) -> Convergence``. Collective."""
+    settings = scene.solver
+    common = (case.fixed, settings.tolerance, settings.max_evaluations)
+    if settings.kind == "cg":
+        preconditioner = make_preconditioner(discretization, forces.model, case)
+        return lambda state, external, watch: cg.solve(
+            forces, state, external, *common, preconditioner, watch
+        )
+    return lambda state, external, watch: adr.solve(forces, state, external, *common, watch)
+
+
 def follow_load_program(
-    scene: Scene, forces: Forces, state: State, case: LoadCase, watch: Callable[[int, Progress], None]
+    scene: Scene,
+    solve: Callable,
+    forces: Forces,
+    state: State,
+    case: LoadCase,
+    watch: Callable[[int, Progress], None],
 ):
     """Yield the equilibrium at each load factor. Collective.
 
@@ -58,15 +78,7 @@ def follow_load_program(
         state.u[case.fixed] = factor * case.prescribed[case.fixed]
         state.iteration = 0
         state.fields["v"][:] = 0.0
-        convergence = adr.solve(
-            forces,
-            state,
-            external,
-            case.fixed,
-            scene.solver.tolerance,
-            scene.solver.max_evaluations,
-            lambda progress: watch(step, progress),  # noqa: B023 - called within this turn of the loop
-        )
+        convergence = solve(state, external, partial(watch, step))
         remove_rigid_motion(forces.model, case, state.u)
         state.step, state.load_factor = step, factor
         reaction, force_balance, moment_balance = _balance(forces, state, case)

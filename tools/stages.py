@@ -25,6 +25,7 @@ from pdfem_mpi import launch
 ROOT = Path(__file__).resolve().parent.parent
 REPORTS = ROOT / ".check"
 PYTEST = [sys.executable, "-m", "pytest", "-q"]
+NOTHING_COLLECTED = "exit code 5"
 TAIL_LINES = 150
 GRACE_SECONDS = 5
 SLOW_SECONDS = 7200
@@ -190,7 +191,7 @@ def count(stage: Stage, result: Result) -> None:
         result.reason = f"{result.failed} tests failed"
     elif partial:
         result.reason = f"{partial[0]} did not pass on every rank"
-    elif result.passed == 0 and not result.reason:
+    elif result.passed == 0 and result.reason in ("", NOTHING_COLLECTED):
         result.reason = "no test passed"
     if result.reason:
         result.failed = max(result.failed, 1)

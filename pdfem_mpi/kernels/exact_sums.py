@@ -19,11 +19,27 @@ import math
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.simd import PATTERN, W, fma, iadd, ihsum, isub, hmax, hsum, largest, load, magnitude, splat, store
+from pdfem_mpi.kernels.simd import (
+    PATTERN,
+    W,
+    fma,
+    hmax,
+    hsum,
+    iadd,
+    ihsum,
+    isub,
+    largest,
+    load,
+    magnitude,
+    splat,
+    store,
+)
 
 BITS = 48  #: of a digit
 LOWEST, HIGHEST = -20, 20  #: exponents k of the digits
-NOT_FINITE = HIGHEST - LOWEST + 2  #: place of the count of terms that are not finite (the place before takes carries)
+NOT_FINITE = (
+    HIGHEST - LOWEST + 2
+)  #: place of the count of terms that are not finite (the place before takes carries)
 SIZE = NOT_FINITE + 1
 BLOCK = 512  #: terms cut together
 
@@ -51,7 +67,7 @@ def add_terms(terms, n, digits):
         x = load(terms, k)
         top = largest(magnitude(x), top)
         bad = fma(x, splat(0.0), bad)
-    if not hsum(bad) == 0.0:
+    if hsum(bad) != 0.0:
         digits[NOT_FINITE] += 1
         return
     size = hmax(top)

@@ -98,8 +98,8 @@ def find_rows(
         low = np.empty(3, np.int64)
         high = np.empty(3, np.int64)
         for d in range(3):
-            low[d] = max(0, int(math.floor((centre[own, d] - window - lower[d]) / bin_size)))
-            high[d] = min(bins[d] - 1, int(math.floor((centre[own, d] + window - lower[d]) / bin_size)))
+            low[d] = max(0, math.floor((centre[own, d] - window - lower[d]) / bin_size))
+            high[d] = min(bins[d] - 1, math.floor((centre[own, d] + window - lower[d]) / bin_size))
         n = 0
         for bz in range(low[2], high[2] + 1):
             for by in range(low[1], high[1] + 1):

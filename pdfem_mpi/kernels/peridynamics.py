@@ -1,23 +1,23 @@
 """Bond forces of the peridynamic points: response (2), stretch (3), failure (4), force density (14).
 
-**Table.** Point data stand in ``S[cluster][9][4]``: displacement ``u``, ``z`` and force, each with components x, y, z
-over the four points of the cluster. Finite kinematics use ``z = 2 x + u``, linear kinematics ``z = x``.
+**Table.** Point data stand in ``S[cluster][9][4]``: displacement ``u``, ``z`` and force, each with components x, y,
+z over the four points of the cluster. Finite kinematics use ``z = 2 x + u``, linear kinematics ``z = x``.
 
-**Finite.** With ``xi = x_j - x_i``, ``eta = u_j - u_i`` (the paper prints eta with the other sign) and ``d = z_j - z_i =
-2 xi + eta``::
+**Finite.** With ``xi = x_j - x_i``, ``eta = u_j - u_i`` (the paper prints eta with the other sign) and
+``d = z_j - z_i = 2 xi + eta``::
 
     e   = (eta . d) / |xi|^2                    (1 + s)^2 = 1 + e, eq. (3) without cancellation or square root
     phi = 1 - (1 + e)^(-1/2)                    a series in e up to e^5, or e / ((1 + e) + sqrt(1 + e))
     f   = K phi (d + eta),  K = 1/2 c exp(-r0^2) g_ij w_i w_j / r0        eq. (2) times both volumes
 
-and ``f`` is added to i and taken from j. The series is used while ``|e| <= SERIES_LIMIT`` on every bond of every rank;
-its relative error is about ``0.45 |e|^5``, 4e-10 at the limit and 1e-14 at a stretch of 1e-3.
+and ``f`` is added to i and taken from j. The series is used while ``|e| <= SERIES_LIMIT`` on every bond of every
+rank; its relative error is about ``0.45 |e|^5``, 4e-10 at the limit and 1e-14 at a stretch of 1e-3.
 
-**Linear.** ``f = K' (eta . xi) xi`` with ``K' = c exp(-r0^2) g_ij w_i w_j / r0^3``, the tangent at the undeformed state.
+**Linear.** ``f = K' (eta . xi) xi`` with ``K' = c exp(-r0^2) g_ij w_i w_j / r0^3``, the undeformed state's tangent.
 
-**Failure (4).** ``s > s_0`` is ``e > (1 + s_0)^2 - 1``. The row loop keeps the largest ``e`` of a point; if it passed the
-limit, the rows are visited again, the forces of the broken bonds are taken back and their stored numbers set to 0,
-so that a broken bond is a slot without a bond.
+**Failure (4).** ``s > s_0`` is ``e > (1 + s_0)^2 - 1``. The row loop keeps the largest ``e`` of a point; if it passed
+the limit, the rows are visited again, the forces of the broken bonds are taken back and their stored numbers set to
+0, so that a broken bond is a slot without a bond.
 
 **Sums.** Each component ``p`` of a bond's force is rounded once to a multiple of the quantum ``q`` by ``fma(f, d, M)``,
 ``M = 1.5 * 2**52 q``, and the bit patterns are added as integers: exact, in any order, while ``|p| < 2**51 q``
@@ -29,7 +29,23 @@ import numpy as np
 from numba import njit, types
 
 from pdfem_mpi.kernels.simd import (
-    W, above, both, fma, hmax, hmin, iadd, ihsum, isub, lanes, largest, load, magnitude, root, smallest, splat, store,
+    W,
+    above,
+    both,
+    fma,
+    hmax,
+    hmin,
+    iadd,
+    ihsum,
+    isub,
+    lanes,
+    largest,
+    load,
+    magnitude,
+    root,
+    smallest,
+    splat,
+    store,
 )  # fmt: skip
 
 #: Coefficients of ``phi / e = 1/2 - 3/8 e + ...``
@@ -42,7 +58,7 @@ SMALLEST_SQUARE = 1e-6
 u8 = np.uint64
 _0, _1, _STEP = u8(0), u8(1), u8(2 * W)
 _V1, _V2, _V3, _V4, _V5, _V6, _V7, _V8 = (u8(W * k) for k in range(1, 9))
-_options = dict(cache=True, nogil=True, boundscheck=False, error_model="numpy")
+_options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
 
 def constants(critical_e, pattern):
@@ -270,7 +286,9 @@ def add_forces_linear(first, last, row_start, row_offset, row_data, S, SI, table
             hy = load(S, b_next + _V4) - zy
             hz = load(S, b_next + _V5) - zz
             f_next = fma(
-                load(S, b_next) - ux, hx, fma(load(S, b_next + _V1) - uy, hy, (load(S, b_next + _V2) - uz) * hz)
+                load(S, b_next) - ux,
+                hx,
+                fma(load(S, b_next + _V1) - uy, hy, (load(S, b_next + _V2) - uz) * hz),
             )
             f_next = f_next * load(row_data, r * _V1)
             peak = largest(f, peak)
@@ -295,6 +313,63 @@ def add_forces_linear(first, last, row_start, row_offset, row_data, S, SI, table
         SI[own + 8 * W] += ihsum(fz)
     extremes[0] = hmax(peak)
     extremes[1] = hmin(floor)
+    return 0
+
+
+@njit(**_options)
+def add_forces_tangent(first, last, row_start, row_offset, row_data, S, SI, table, extremes):
+    """Add the change of the finite bond forces for a small change ``v`` of the displacements.
+
+    With ``y`` the deformed bond and ``q = |y|^2 / r0^2 = 1 + e``, the derivative of ``2 K (1 - q^(-1/2)) y`` is
+    ``2 K [(1 - q^(-1/2)) v + q^(-3/2) / r0^2 (y . v) y]``.
+
+    Parameters are those of the finite sweep, with ``v`` in rows 0-2 of the table, deformed positions in rows 3-5, and
+    ``extremes[0]`` the largest component of a bond's force, dimension force.
+
+    Returns
+    -------
+    int
+        0.
+    """
+    zero = splat(0.0)
+    peak = splat(extremes[0])
+    for i in range(first, last):
+        c = i // W
+        own = c * 9 * W + (i - c * W)
+        fx = zero
+        fy = zero
+        fz = zero
+        for row in range(row_start[i], row_start[i + 1]):
+            b = np.int64(row_offset[row])
+            vx = load(S, b) - splat(S[own])
+            vy = load(S, b + W) - splat(S[own + W])
+            vz = load(S, b + 2 * W) - splat(S[own + 2 * W])
+            yx = load(S, b + 3 * W) - splat(S[own + 3 * W])
+            yy = load(S, b + 4 * W) - splat(S[own + 4 * W])
+            yz = load(S, b + 5 * W) - splat(S[own + 5 * W])
+            k = load(row_data, row * 2 * W)
+            k = k + k
+            inverse = load(row_data, row * 2 * W + W)
+            one = load(table, 7 * W)
+            q = largest(fma(yx, yx, fma(yy, yy, yz * yz)) * inverse, load(table, 8 * W))
+            shrink = one / root(q)
+            across = k * (one - shrink)
+            along = k * shrink * inverse / q * fma(yx, vx, fma(yy, vy, yz * vz))
+            M = load(table, 6 * W)
+            px = fma(across, vx, fma(along, yx, M))
+            py = fma(across, vy, fma(along, yy, M))
+            pz = fma(across, vz, fma(along, yz, M))
+            peak = largest(magnitude(px - M), largest(magnitude(py - M), largest(magnitude(pz - M), peak)))
+            fx = iadd(fx, px)
+            fy = iadd(fy, py)
+            fz = iadd(fz, pz)
+            store(S, b + 6 * W, isub(load(S, b + 6 * W), px))
+            store(S, b + 7 * W, isub(load(S, b + 7 * W), py))
+            store(S, b + 8 * W, isub(load(S, b + 8 * W), pz))
+        SI[own + 6 * W] += ihsum(fx)
+        SI[own + 7 * W] += ihsum(fy)
+        SI[own + 8 * W] += ihsum(fz)
+    extremes[0] = hmax(peak)
     return 0
 
 
@@ -422,6 +497,7 @@ SIGNATURES = {
     add_forces_series_failing: _sweep,
     add_forces_closed_failing: _sweep,
     add_forces_linear: _sweep,
+    add_forces_tangent: _sweep,
     load_displacements: types.void(_f8, _f8, _f8, _int, types.boolean),
     complete_z: types.void(_int, _int, _f8, _f8),
     reset_forces: types.void(_i8, _i8, _int),

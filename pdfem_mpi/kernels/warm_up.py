@@ -8,11 +8,21 @@ from pdfem_mpi.kernels import (
     finite_elements,
     overlap,
     peridynamics,
+    preconditioner,
     relaxation,
     surface_correction,
 )
 
-MODULES = (exact_sums, families, finite_elements, overlap, peridynamics, relaxation, surface_correction)
+MODULES = (
+    exact_sums,
+    families,
+    finite_elements,
+    overlap,
+    peridynamics,
+    preconditioner,
+    relaxation,
+    surface_correction,
+)
 
 
 def compile_kernels() -> None:

@@ -62,7 +62,20 @@ class HexMesh:
         return 0.5 * (float(edges.min()) + float(edges.max()))
 
     def _edges(self) -> np.ndarray:
-        pairs = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+        pairs = (
+            (0, 1),
+            (1, 2),
+            (2, 3),
+            (3, 0),
+            (4, 5),
+            (5, 6),
+            (6, 7),
+            (7, 4),
+            (0, 4),
+            (1, 5),
+            (2, 6),
+            (3, 7),
+        )
         corners = self.nodes[self.cells]
         return np.stack([np.linalg.norm(corners[:, a] - corners[:, b], axis=1) for a, b in pairs])
 

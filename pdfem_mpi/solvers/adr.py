@@ -66,7 +66,9 @@ def solve(
         On all ranks alike.
     """
     u, v, previous_force = (state.fields[name] for name in ("u", "v", "previous_force"))
-    inverse_mass = np.where(fixed | (forces.model.mass == 0.0), 0.0, 1.0 / np.maximum(forces.model.mass, 1e-300))
+    inverse_mass = np.where(
+        fixed | (forces.model.mass == 0.0), 0.0, 1.0 / np.maximum(forces.model.mass, 1e-300)
+    )
     force = np.empty_like(u)
     before = forces.evaluations
     while True:
@@ -89,11 +91,13 @@ def solve(
         if relative <= tolerance:
             return Convergence(used, relative)
         if relative > DIVERGED:
-            raise NotConverged(f"relaxation diverged: the relative residual is {relative:.3g} after {used} evaluations.")
+            raise NotConverged(
+                f"relaxation diverged: the relative residual is {relative:.3g} after {used} evaluations."
+            )
         if used >= max_evaluations:
             raise NotConverged(
-                f"solver.max_evaluations = {max_evaluations} were used up at a relative residual of {relative:.3g}, above "
-                f"solver.tolerance = {tolerance:.3g}. Allow more evaluations or a larger tolerance."
+                f"solver.max_evaluations = {max_evaluations} were used up at a relative residual of {relative:.3g}, "
+                f"above solver.tolerance = {tolerance:.3g}. Allow more evaluations or a larger tolerance."
             )
         advance(u, v, force, previous_force, inverse_mass, damping, state.iteration == 0)
         state.iteration += 1

@@ -376,6 +376,12 @@ def test_all_problems_are_reported_at_once():
     assert len(messages) == len(keys)
 
 
+def test_list_whose_only_item_is_wrong_is_not_called_empty():
+    text = SOUND[: SOUND.index("[[regions]]")] + "[[regions]]\nname = 'bonds'\nmodel = 'x'\n"
+    messages = problems(text, "supports=[{face = 'x-', x = 0.0}]")
+    assert len(messages) == 1 and "regions.0.model" in messages[0], messages
+
+
 def test_no_problem_is_reported_twice():
     messages = problems(SOUND, "mesh.spacing=0.07", "mesh.lower=[0, 0, 0]", "title=3", "loads.0.kind=x")
     assert len(messages) == len(set(messages)) == 3

@@ -120,6 +120,11 @@ def test_every_exchanged_corner_is_named():
     ]
 
 
+def test_flat_box_is_refused():
+    problem = only_problem(lambda: BoxMesh(lower=(0.0, 0.0, 0.0), upper=(1.0, 0.0, 1.0), spacing=0.1))
+    assert (problem.key, "y = 0.0" in problem.text) == ("upper", True)
+
+
 def test_other_poissons_ratio_is_refused_with_peridynamics_only():
     material = Material(youngs_modulus=1.0, poissons_ratio=0.3)
     assert scene(material=material).material.poissons_ratio == 0.3

@@ -1,0 +1,137 @@
+"""Multilevel preconditioner, pointwise: restriction, interpolation, blocks of points and nodes.
+
+A flat vector over unknowns holds triples, one per point or node. The three components of triple ``t`` stand at
+``12 (t // 4) + t % 4 + 4 d`` in cluster layout, at ``3 t + d`` for nodes.
+"""
+
+import numpy as np
+from numba import njit, types
+
+from pdfem_mpi.kernels.simd import W, fma, iadd, ihsum, load, splat, store
+
+_options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
+
+
+@njit(**_options)
+def restrict(clusters, corners, weights, r, quantum, coarse):
+    """Add ``T^t r`` to coarse nodes, each term rounded to the quantum.
+
+    Parameters
+    ----------
+    clusters : bool
+        Layout of ``r``: clusters of points, else nodes.
+    corners : int32, shape (n_triples, 8)
+        Coarse nodes around each triple.
+    weights : float64, shape (n_triples, 8), dimension 1
+        Interpolation functions of the corners at the triple.
+    r : float64, shape (n_triples * 3,), dimension force
+    quantum : float, dimension force
+        Power of two; a sum must stay below ``2**62`` quanta.
+    coarse : int64, shape (n_coarse, 3), dimension force / quantum
+        Added to.
+    """
+    inverse = 1.0 / quantum
+    for t in range(corners.shape[0]):
+        base, stride = (3 * W * (t // W) + t % W, W) if clusters else (3 * t, 1)
+        for d in range(3):
+            value = r[base + stride * d] * inverse
+            for a in range(8):
+                coarse[corners[t, a], d] += np.int64(np.rint(weights[t, a] * value))
+
+
+@njit(**_options)
+def interpolate(clusters, corners, weights, coarse, z):
+    """Add ``T coarse`` to ``z``; parameters as in `restrict`, ``coarse`` and ``z`` of dimension length."""
+    for t in range(corners.shape[0]):
+        base, stride = (3 * W * (t // W) + t % W, W) if clusters else (3 * t, 1)
+        for d in range(3):
+            total = z[base + stride * d]
+            for a in range(8):
+                total += weights[t, a] * coarse[corners[t, a], d]
+            z[base + stride * d] = total
+
+
+@njit(**_options)
+def add_block_products(clusters, blocks, omega, r, z):
+    """``z += omega B r`` with a symmetric 3x3 block for each triple.
+
+    Parameters
+    ----------
+    clusters : bool
+        Layout of ``r`` and ``z``.
+    blocks : float64, shape (n_triples, 6), dimension length / force
+        Entries xx, yy, zz, xy, yz, zx.
+    omega : float
+    r, z : float64, shape (n_triples * 3,), dimensions force and length
+    """
+    for t in range(blocks.shape[0]):
+        base, s = (3 * W * (t // W) + t % W, W) if clusters else (3 * t, 1)
+        x = r[base]
+        y = r[base + s]
+        w = r[base + 2 * s]
+        b = blocks[t]
+        z[base] += omega * (b[0] * x + b[3] * y + b[5] * w)
+        z[base + s] += omega * (b[3] * x + b[1] * y + b[4] * w)
+        z[base + 2 * s] += omega * (b[5] * x + b[4] * y + b[2] * w)
+
+
+@njit(**_options)
+def add_point_blocks(row_start, row_offset, row_data, S, SI, pattern, finite, mixed):
+    """Add each bond's stiffness ``K' xi_a xi_b`` to both of its points: three of the six entries of their blocks.
+
+    Parameters
+    ----------
+    row_start, row_offset, row_data
+        Rows as in the sweeps; broken bonds add nothing.
+    S, SI : float64, int64, shape (n_clusters * 36,)
+        Positions in rows 3-5; patterns are added to rows 6-8.
+    pattern : float
+        ``M``; an entry is at most the bond's force per unit stretch over its length.
+    finite, mixed : bool
+        Layout of ``row_data``; entries xx, yy, zz or (mixed) xy, yz, zx.
+    """
+    M = splat(pattern)
+    stride = 2 * W if finite else W
+    for i in range(row_start.size - 1):
+        c = i // W
+        own = c * 9 * W + (i - c * W)
+        sx = splat(0.0)
+        sy = splat(0.0)
+        sz = splat(0.0)
+        for row in range(row_start[i], row_start[i + 1]):
+            b = np.int64(row_offset[row])
+            dx = load(S, b + 3 * W) - splat(S[own + 3 * W])
+            dy = load(S, b + 4 * W) - splat(S[own + 4 * W])
+            dz = load(S, b + 5 * W) - splat(S[own + 5 * W])
+            k = load(row_data, row * stride)
+            if finite:
+                k = (k + k) * load(row_data, row * stride + W)
+            if mixed:
+                px = fma(k, dx * dy, M)
+                py = fma(k, dy * dz, M)
+                pz = fma(k, dz * dx, M)
+            else:
+                px = fma(k, dx * dx, M)
+                py = fma(k, dy * dy, M)
+                pz = fma(k, dz * dz, M)
+            sx = iadd(sx, px)
+            sy = iadd(sy, py)
+            sz = iadd(sz, pz)
+            store(S, b + 6 * W, iadd(load(S, b + 6 * W), px))
+            store(S, b + 7 * W, iadd(load(S, b + 7 * W), py))
+            store(S, b + 8 * W, iadd(load(S, b + 8 * W), pz))
+        SI[own + 6 * W] += ihsum(sx)
+        SI[own + 7 * W] += ihsum(sy)
+        SI[own + 8 * W] += ihsum(sz)
+
+
+_f8, _i8, _table = types.float64[::1], types.int64[::1], types.float64[:, ::1]
+_map = (types.boolean, types.int32[:, ::1], _table)
+SIGNATURES = {
+    restrict: types.void(*_map, _f8, types.float64, types.int64[:, ::1]),
+    interpolate: types.void(*_map, _table, _f8),
+    add_block_products: types.void(types.boolean, _table, types.float64, _f8, _f8),
+    add_point_blocks: types.void(
+        _i8, types.uint32[::1], types.float32[::1], _f8, _i8, types.float64, types.boolean, types.boolean
+    ),
+}

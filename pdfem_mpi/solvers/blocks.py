@@ -1,0 +1,79 @@
+"""The 3x3 diagonal blocks of the stiffness: of points, from their surviving bonds, and of nodes.
+
+A block is stored as its six entries xx, yy, zz, xy, yz, zx.
+"""
+
+import numpy as np
+
+from pdfem_mpi.bonds import start_sums, sums_table
+from pdfem_mpi.hex8 import SHAPE_AT_GAUSS
+from pdfem_mpi.kernels.preconditioner import add_point_blocks
+from pdfem_mpi.model import Model, assemble, point_rows
+from pdfem_mpi.parallel.comm import largest
+
+#: Directions of a block softer than this fraction of the stiffest block of all are held still.
+SOFTEST = 1e-7
+
+_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
+
+
+def point_blocks(model: Model) -> np.ndarray:
+    """Blocks of the owned points, overlap included, shape (n_owned * 8, 6), dimension force / length. Collective."""
+    points, bonds = model.points, model.bonds
+    T, integers = sums_table(points)
+    halves = []
+    for mixed in (False, True):
+        quantum, pattern = start_sums(T, bonds.added + bonds.taken, 2.0 * bonds.stiffest)
+        for rows in bonds.rows:
+            add_point_blocks(*rows.arrays, T.reshape(-1), integers, pattern, bonds.finite, mixed)
+        points.halo.scatter_reverse(integers.reshape(-1, 2, 9, 4)[:, :, 6:9])
+        sums = integers.reshape(-1, 9, 4)[: 2 * points.n_owned, 6:9] * quantum
+        halves.append(point_rows(np.ascontiguousarray(sums).reshape(-1)))
+    return np.concatenate(halves, axis=1)
+
+
+def node_blocks(model: Model, of_points: np.ndarray | None) -> np.ndarray:
+    """Blocks of the owned nodes, shape (n_owned, 6), dimension force / length. Collective.
+
+    Parameters
+    ----------
+    of_points : float64, shape (n_owned * 8, 6) or None
+        Blocks of the points, for the overlap's share ``sum_p N_I(x_p)^2 B_p``.
+    """
+
+    def pick(stiffness):
+        k = stiffness.reshape(-1, 8, 3, 8, 3)
+        return np.stack([np.stack([k[:, a, i, a, j] for i, j in _ENTRIES], axis=1) for a in range(8)], axis=1)
+
+    contributions = list(model.elements.per_node(pick)) if model.elements else []
+    if model.overlap:
+        block = of_points[8 * model.points.n_free :].reshape(-1, 8, 6)
+        lumped = np.zeros((len(block), 8, 6))
+        for p in range(8):
+            lumped += SHAPE_AT_GAUSS[p][:, None] ** 2 * block[:, p, None, :]
+        contributions.append((model.overlap.connectivity, lumped))
+    return assemble(model.comm, model.nodes, contributions, 6)
+
+
+def inverted(comm, blocks: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """Inverse blocks by eigenvalues; directions without stiffness, and fixed ones, are held still. Collective.
+
+    Parameters
+    ----------
+    blocks : float64, shape (n, 6)
+    fixed : bool, shape (n, 3)
+        Components that do not move.
+
+    Returns
+    -------
+    float64, shape (n, 6)
+    """
+    matrix = blocks[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3).copy()
+    matrix[fixed[:, :, None] | fixed[:, None, :]] = 0.0
+    values, vectors = np.linalg.eigh(matrix)
+    limit = SOFTEST * float(largest(comm, np.array([values.max(initial=0.0)]))[0])
+    inverse = np.where(values > limit, 1.0 / np.maximum(values, max(limit, 1e-300)), 0.0)
+    full = np.zeros_like(matrix)
+    for d in range(3):
+        full += inverse[:, d, None, None] * vectors[:, :, d, None] * vectors[:, None, :, d]
+    return np.ascontiguousarray(full.reshape(-1, 9)[:, [0, 4, 8, 1, 5, 6]])

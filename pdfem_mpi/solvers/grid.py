@@ -1,0 +1,193 @@
+"""The coarsest level: the intact body's elasticity on a background grid of about two cells' spacing, factorised once.
+
+The grid's trilinear functions need not follow the mesh. Their stiffness is integrated at the Gauss points of all
+cells, through the 27 moments of each grid cell; the moments are order-independent sums, every rank then factorises
+and solves the same small problem, and so finds the same bits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import SuperLU, splu
+
+from pdfem_mpi.hex8 import GAUSS_POINTS, gauss_positions, gauss_volumes
+from pdfem_mpi.kernels.finite_elements import lame_moduli
+from pdfem_mpi.kernels.preconditioner import interpolate, restrict
+from pdfem_mpi.model import Model
+from pdfem_mpi.parallel.comm import sum_integers
+
+#: Spacing of the grid in cell edges, and the most unknowns that are factorised: a finer grid is made coarser.
+COARSENING, MOST_UNKNOWNS = 2.0, 60_000
+#: Added to the diagonal, relative: pins the rigid motions of free bodies.
+PIN = 1e-8
+#: Moments are rounded to this fraction of a cell of unit volume.
+MOMENT_QUANTUM = 2.0**-40
+
+_CORNERS = np.array(list(product((0, 1), repeat=3)))  # of a grid cell, z fastest
+_VALUE = {0: np.array([1.0, -1.0]), 1: np.array([0.0, 1.0])}
+_SLOPE = {0: np.array([-1.0, 0.0]), 1: np.array([1.0, 0.0])}
+
+
+def _moment_table(derivatives) -> np.ndarray:
+    """Coefficients in 27 monomials of the products of corner functions, differentiated as asked, (27, 8, 8)."""
+    table = np.zeros((27, 8, 8))
+    for i, j in product(range(8), range(8)):
+        factors = [
+            np.convolve(
+                (_SLOPE if derivatives[0] == d else _VALUE)[_CORNERS[i, d]],
+                (_SLOPE if derivatives[1] == d else _VALUE)[_CORNERS[j, d]],
+            )
+            for d in range(3)
+        ]
+        table[:, i, j] = (factors[0][:, None, None] * factors[1][:, None] * factors[2]).reshape(-1)
+    return table
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The level as seen from the nodes of one rank.
+
+    Attributes
+    ----------
+    corners : int32, shape (n_nodes, 8)
+        Grid nodes around each owned node.
+    weights : float64, shape (n_nodes, 8)
+    n_nodes : int
+        Grid nodes that touch the body.
+    factor : SuperLU
+        The same on every rank.
+    """
+
+    corners: np.ndarray
+    weights: np.ndarray
+    n_nodes: int
+    factor: SuperLU
+
+    def add_correction(self, comm, r: np.ndarray, quantum: float, z: np.ndarray) -> None:
+        """``z += T C^-1 T^t r`` for the owned nodes. Collective.
+
+        Parameters
+        ----------
+        r, z : float64, shape (n_nodes * 3,)
+        quantum : float
+            For the restriction; equal on all ranks.
+        """
+        sums = np.zeros((self.n_nodes, 3), np.int64)
+        restrict(False, self.corners, self.weights, r, quantum, sums)
+        right = (sum_integers(comm, sums) * quantum).reshape(-1)
+        interpolate(False, self.corners, self.weights, self.factor.solve(right).reshape(-1, 3), z)
+
+
+def make_grid(
+    intact: Model, positions: np.ndarray, cells: np.ndarray, fixed: np.ndarray, spring: float
+) -> Grid:
+    """Set up the grid over a finite-element model. Collective.
+
+    Parameters
+    ----------
+    intact : Model
+        Finite elements in every cell.
+    positions : float64, shape (n_mesh_nodes, 3)
+        All nodes of the mesh, model units.
+    cells : int32, shape (n_cells, 8)
+        Cells of the mesh.
+    fixed : bool, shape (n_owned_nodes, 3)
+        Components that do not move: held by springs of stiffness ``spring``.
+    """
+    comm, nodes, subdomain = intact.comm, intact.nodes, intact.subdomain
+    lower, upper = positions.min(axis=0), positions.max(axis=0)
+    edge = np.sqrt(((positions[cells[:, 6]] - positions[cells[:, 0]]) ** 2).sum(axis=1) / 3.0)
+    spacing = COARSENING * float(np.median(edge))
+    while 3 * np.prod((counts := _count(upper - lower, spacing)) + 1) > MOST_UNKNOWNS:
+        spacing *= 1.25
+    h = (upper - lower) / counts
+
+    own = subdomain.elements
+    points = gauss_positions(positions[cells[own]])
+    moments = np.zeros((int(np.prod(counts)), 4, 27), np.int64)
+    where, xi = _locate(points.reshape(-1, 3), lower, h, counts)
+    _add_moments(moments[:, 0], where, xi, gauss_volumes(positions[cells[own]]).reshape(-1))
+
+    # a node belongs to the grid cell of a Gauss point beside it, which is sure to lie in the body
+    beside = np.zeros((len(positions), 3))
+    for g, signs in enumerate(GAUSS_POINTS > 0):
+        a = [0, 1, 3, 2][signs[0] + 2 * signs[1]] + 4 * signs[2]
+        lowest_last = np.argsort(own)[::-1]
+        beside[cells[own[lowest_last], a]] = points[lowest_last, g]
+    where, _ = _locate(beside[subdomain.owned_nodes], lower, h, counts)
+    xi = (nodes.x[: nodes.n_owned] - lower) / h - np.stack(np.unravel_index(where, counts), axis=1)
+    for d in range(3):
+        held = fixed[:, d]
+        _add_moments(moments[:, 1 + d], where[held], xi[held], np.ones(np.count_nonzero(held)))
+
+    moments = sum_integers(comm, moments) * MOMENT_QUANTUM
+    number, factor = _factorise(moments, h, counts, intact.elements.poissons_ratio, spring)
+    weights = np.ones((len(where), 8))
+    for d in range(3):
+        weights *= np.where(_CORNERS[:, d], xi[:, d, None], 1.0 - xi[:, d, None])
+    corners = number[_cell_nodes(counts)[where]].astype(np.int32)
+    return Grid(np.ascontiguousarray(corners), weights, int(number.max()) + 1, factor)
+
+
+def _count(extent: np.ndarray, spacing: float) -> np.ndarray:
+    return np.maximum(1, np.rint(extent / spacing)).astype(np.int64)
+
+
+def _locate(x: np.ndarray, lower, h, counts) -> tuple[np.ndarray, np.ndarray]:
+    """Grid cell of each position, and its coordinates there from 0 to 1."""
+    scaled = (x - lower) / h
+    index = np.clip(np.floor(scaled).astype(np.int64), 0, counts - 1)
+    return (index[:, 0] * counts[1] + index[:, 1]) * counts[2] + index[:, 2], scaled - index
+
+
+def _cell_nodes(counts) -> np.ndarray:
+    """Grid nodes of all grid cells, shape (n, 8)."""
+    i, j, k = np.unravel_index(np.arange(int(np.prod(counts))), counts)
+    return np.stack(
+        [((i + a) * (counts[1] + 1) + (j + b)) * (counts[2] + 1) + (k + c) for a, b, c in _CORNERS], axis=1
+    )
+
+
+def _add_moments(moments: np.ndarray, where: np.ndarray, xi: np.ndarray, weight: np.ndarray) -> None:
+    """Add the rounded moments of weighted positions to their grid cells, shape (n_cells, 27)."""
+    powers = xi[:, :, None] ** np.arange(3)
+    for m, (i, j, k) in enumerate(product(range(3), repeat=3)):
+        terms = weight * powers[:, 0, i] * powers[:, 1, j] * powers[:, 2, k]
+        np.add.at(moments[:, m], where, np.rint(terms / MOMENT_QUANTUM).astype(np.int64))
+
+
+def _factorise(moments, h, counts, nu: float, spring: float) -> tuple[np.ndarray, SuperLU]:
+    """Numbers of the grid nodes that touch the body (-1 elsewhere), and the factorised stiffness."""
+    active = moments[:, 0, 0] > 0.0
+    cells = _cell_nodes(counts)[active]
+    number = np.full(int(np.prod(counts + 1)), -1)
+    used = np.unique(cells)
+    number[used] = np.arange(len(used))
+
+    lam, mu = (float(modulus[0]) for modulus in lame_moduli(np.ones(1), nu))
+    stiffness = np.zeros((len(cells), 8, 3, 8, 3))
+    for a, b in product(range(3), repeat=2):
+        products = moments[active, 0] @ _moment_table((a, b)).reshape(27, 64) / (h[a] * h[b])
+        products = products.reshape(-1, 8, 8)
+        stiffness[:, :, a, :, b] += lam * products
+        stiffness[:, :, b, :, a] += mu * products
+        if a == b:
+            for c in range(3):
+                stiffness[:, :, c, :, c] += mu * products
+    for d in range(3):
+        held = moments[active, 1 + d] @ _moment_table((None, None)).reshape(27, 64)
+        stiffness[:, :, d, :, d] += spring * held.reshape(-1, 8, 8)
+
+    dofs = (3 * number[cells][:, :, None] + np.arange(3)).reshape(-1, 24)
+    rows = np.repeat(dofs, 24, axis=1).reshape(-1)
+    columns = np.tile(dofs, (1, 24)).reshape(-1)
+    matrix = sparse.coo_matrix((stiffness.reshape(-1), (rows, columns)), shape=(3 * len(used),) * 2).tocsc()
+    diagonal = matrix.diagonal()
+    matrix = 0.5 * (matrix + matrix.T) + sparse.diags_array(PIN * np.maximum(diagonal, diagonal.mean()))
+    return number, splu(
+        matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )

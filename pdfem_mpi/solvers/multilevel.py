@@ -1,0 +1,145 @@
+"""Preconditioner of conjugate gradients: ``P r = T V T^t r + omega B^-1 r``.
+
+``T`` interpolates trilinearly from the nodes of each cell to its points and is the identity on the scene's own nodes;
+``V`` is one symmetric cycle for the finite-element model of the intact body on the same cells, the local limit of
+the bonds: block smoothing, a correction on a background grid (`grid`), block smoothing. ``B`` are the 3x3 blocks
+of the surviving bonds and of the elements (`blocks`). Only ``B`` changes when bonds break.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.bonds import pattern_for
+from pdfem_mpi.discretization import Discretization
+from pdfem_mpi.forces import Forces
+from pdfem_mpi.hex8 import SHAPE_AT_GAUSS
+from pdfem_mpi.kernels.preconditioner import add_block_products, interpolate, restrict
+from pdfem_mpi.loading import LoadCase
+from pdfem_mpi.model import Model, build_intact_elements, local_nodes, point_rows
+from pdfem_mpi.parallel.comm import largest
+from pdfem_mpi.solvers.blocks import inverted, node_blocks, point_blocks
+from pdfem_mpi.solvers.grid import Grid, make_grid
+
+#: Weight of the point blocks beside the cycle, and of the node blocks within it.
+OMEGA, OMEGA_CYCLE = 0.7, 0.65
+#: Smoothing steps before and after the grid's correction.
+SMOOTHINGS = 2
+#: Fixed components are held on the grid by springs this much stiffer than the stiffest node.
+SPRING = 10.0
+
+
+@dataclass
+class Preconditioner:
+    """One rank's part of the preconditioner; made by `make_preconditioner`.
+
+    Attributes
+    ----------
+    model : Model
+    blocks : float64, shape (n_triples, 6)
+        Inverse blocks of free points, then of owned nodes.
+    forces : Forces
+        Of the intact finite-element model.
+    corners : int32, shape (n_free * 8, 8)
+        Its local nodes around each free point.
+    own_nodes : int32, shape (n_owned_nodes,)
+        Its local nodes that are the scene's own.
+    fixed : bool, shape (n_cycle_unknowns,)
+    cycle_blocks : float64, shape (n_cycle_nodes, 6)
+    grid : Grid
+    """
+
+    model: Model
+    blocks: np.ndarray
+    forces: Forces
+    corners: np.ndarray
+    weights: np.ndarray
+    own_nodes: np.ndarray
+    fixed: np.ndarray
+    cycle_blocks: np.ndarray
+    grid: Grid
+
+    def apply(self, r: np.ndarray, size: float, z: np.ndarray) -> None:
+        """``z = P r``. Collective.
+
+        Parameters
+        ----------
+        r : float64, shape (n_unknowns,), dimension force
+            0 on fixed unknowns.
+        size : float, dimension force
+            A bound of ``|r_i|``, equal on all ranks.
+        z : float64, shape (n_unknowns,), dimension length
+            Overwritten; 0 on fixed unknowns.
+        """
+        n, nodes = self.model.n_point_unknowns, self.forces.model.nodes
+        quantum, _ = pattern_for(64.0 * size)
+        sums = np.zeros((len(nodes.number), 3), np.int64)
+        restrict(True, self.corners, self.weights, r[:n], quantum, sums)
+        sums[self.own_nodes] += np.rint(r[n:].reshape(-1, 3) / quantum).astype(np.int64)
+        nodes.halo.scatter_reverse(sums)
+        right = (sums[: nodes.n_owned] * quantum).reshape(-1)
+        right[self.fixed] = 0.0
+        correction = np.zeros((len(nodes.number), 3))
+        correction[: nodes.n_owned] = self._cycle(right, quantum).reshape(-1, 3)
+        nodes.halo.scatter_forward(correction)
+        z[:] = 0.0
+        interpolate(True, self.corners, self.weights, correction, z[:n])
+        z[n:] = correction[self.own_nodes].reshape(-1)
+        add_block_products(True, self.blocks[: n // 3], OMEGA, r[:n], z[:n])
+        add_block_products(False, self.blocks[n // 3 :], OMEGA, r[n:], z[n:])
+
+    def _cycle(self, right: np.ndarray, quantum: float) -> np.ndarray:
+        """One symmetric cycle for ``K x = right`` of the intact model, from 0."""
+        x, residual = np.zeros_like(right), right.copy()
+        for _ in range(SMOOTHINGS):
+            add_block_products(False, self.cycle_blocks, OMEGA_CYCLE, residual, x)
+            self._residual(x, right, residual)
+        self.grid.add_correction(self.model.comm, residual, quantum, x)
+        x[self.fixed] = 0.0
+        for _ in range(SMOOTHINGS):
+            self._residual(x, right, residual)
+            add_block_products(False, self.cycle_blocks, OMEGA_CYCLE, residual, x)
+        return x
+
+    def _residual(self, x, right, residual):
+        self.forces.evaluate_surely(x, right, residual)
+        residual[self.fixed] = 0.0
+
+
+def make_preconditioner(discretization: Discretization, model: Model, case: LoadCase) -> Preconditioner:
+    """Set up all levels. Collective."""
+    intact = build_intact_elements(discretization, model)
+    local = local_nodes(discretization, intact.subdomain)
+    cells = discretization.mesh.cells
+    n = model.n_point_unknowns
+    of_points = point_blocks(model) if model.points else None
+    blocks, held = [], np.zeros((len(intact.nodes.number), 3), np.int64)
+    corners = np.empty((0, 8), np.int32)
+    if model.points:
+        blocks.append(inverted(model.comm, of_points[: n // 3], point_rows(case.fixed[:n])))
+        corners = np.repeat(local[cells[model.subdomain.free]], 8, axis=0)
+        # the nodes around fixed points do not move either
+        np.add.at(held, corners.reshape(-1), np.repeat(point_rows(case.fixed[:n]), 8, axis=0))
+    own_nodes = np.empty(0, np.int32)
+    if model.nodes:
+        fixed_nodes = case.fixed[n:].reshape(-1, 3)
+        blocks.append(inverted(model.comm, node_blocks(model, of_points), fixed_nodes))
+        own_nodes = local[model.subdomain.owned_nodes]
+        held[own_nodes] += fixed_nodes
+    intact.nodes.halo.scatter_reverse(held)
+    fixed = held[: intact.nodes.n_owned] > 0
+    of_cycle = node_blocks(intact, None)
+    spring = SPRING * float(largest(model.comm, np.array([of_cycle[:, :3].max(initial=0.0)]))[0])
+    return Preconditioner(
+        model=model,
+        blocks=np.concatenate(blocks),
+        forces=Forces(intact),
+        corners=np.ascontiguousarray(corners),
+        weights=np.tile(SHAPE_AT_GAUSS, (len(corners) // 8, 1)),
+        own_nodes=own_nodes,
+        fixed=fixed.reshape(-1),
+        cycle_blocks=inverted(model.comm, of_cycle, fixed),
+        grid=make_grid(intact, discretization.nodes, cells, fixed, spring),
+    )

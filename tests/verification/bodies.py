@@ -1,0 +1,167 @@
+"""Small bodies for tests: scenes of unit cubes, assembled on one rank or on the ranks of a communicator."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+
+from helpers import ROOT
+from pdfem_mpi.deck import parse_deck
+from pdfem_mpi.discretization import Discretization, discretize
+from pdfem_mpi.fields import Fields, gather_fields, point_positions
+from pdfem_mpi.forces import Forces
+from pdfem_mpi.loading import LoadCase, make_load_case
+from pdfem_mpi.model import Model, build_model, cluster_layout
+from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.run import run
+from pdfem_mpi.scene import (
+    BodyForce,
+    BoxMesh,
+    Coupling,
+    Material,
+    Peridynamics,
+    Region,
+    Scene,
+    Solver,
+    Traction,
+)
+from pdfem_mpi.state import State, new_state
+
+YOUNGS_MODULUS = 1000.0
+
+
+def box_regions(cells, n_elements):
+    """Finite elements in the first ``n_elements`` layers along x, peridynamics in the others."""
+    x = float(n_elements)
+    if n_elements <= 0:
+        return (Region(name="bonds", model="peridynamics"),)
+    if n_elements >= cells[0]:
+        return (Region(name="elements", model="finite_elements"),)
+    y, z = float(cells[1]), float(cells[2])
+    return (
+        Region(name="elements", model="finite_elements", upper=(x, y, z)),
+        Region(name="bonds", model="peridynamics", lower=(x, 0.0, 0.0)),
+    )
+
+
+def tension(cells, n_elements, force=1.0):
+    """Opposite forces on both ends along x: tractions on elements, body forces on peridynamic cells."""
+    loads = []
+    for face, sign, elements in (("x-", -1.0, n_elements > 0), ("x+", 1.0, n_elements >= cells[0])):
+        total = (sign * force, 0.0, 0.0)
+        loads.append(
+            Traction(kind="traction", face=face, total=total)
+            if elements
+            else BodyForce(kind="body_force", face=face, total=total)
+        )
+    return tuple(loads)
+
+
+def make_scene(
+    cells,
+    n_elements=0,
+    *,
+    regions=None,
+    kinematics="linear",
+    correction="appendix_a",
+    coupling="paper",
+    overlap=1,
+    loads=None,
+    supports=(),
+    tolerance=1e-6,
+    max_evaluations=20_000,
+    poissons_ratio=0.25,
+    **tables,
+):
+    """Return a scene of unit cubes with a corner at the origin: elements at small x, peridynamics at large x."""
+    return Scene(
+        mesh=BoxMesh(lower=(0.0, 0.0, 0.0), upper=tuple(map(float, cells)), spacing=1.0),
+        material=Material(youngs_modulus=YOUNGS_MODULUS, poissons_ratio=poissons_ratio),
+        regions=box_regions(cells, n_elements) if regions is None else regions,
+        peridynamics=Peridynamics(kinematics=kinematics, surface_correction=correction),
+        coupling=Coupling(kind=coupling, overlap=overlap),
+        loads=tension(cells, n_elements) if loads is None else loads,
+        supports=supports,
+        solver=Solver(tolerance=tolerance, max_evaluations=max_evaluations),
+        **tables,
+    )
+
+
+@dataclass
+class Body:
+    """A scene and all that a run makes of it before it solves; model units, one rank's share."""
+
+    scene: Scene
+    discretization: Discretization
+    model: Model
+    case: LoadCase | None
+    forces: Forces
+    state: State
+
+    def internal(self, u):
+        """Force on the unknowns at displacements ``u``, without loads. Collective."""
+        force = np.empty(self.model.n_unknowns)
+        self.forces.evaluate_surely(np.ascontiguousarray(u), np.zeros_like(force), force)
+        return force
+
+    def fields(self, u):
+        """Displacements of all points and nodes at ``u``; None except on rank 0. Collective."""
+        self.internal(u)
+        return gather_fields(self.discretization, self.forces, u)
+
+    def of_positions(self, displacement):
+        """Unknowns that take the values of a function of positions, shape (n, 3) to (n, 3), model units."""
+        model, parts = self.model, []
+        if model.points:
+            x = model.points.x[: model.n_point_unknowns].reshape(-1, 3, 4).swapaxes(1, 2).reshape(-1, 3)
+            parts.append(cluster_layout(displacement(x)))
+        if model.nodes:
+            parts.append(displacement(model.nodes.x[: model.nodes.n_owned]).reshape(-1))
+        return np.concatenate(parts)
+
+
+def build(scene, comm=None, loaded=True):
+    """Assemble a scene as ``run`` does, on this rank alone unless a communicator is given. Collective."""
+    comm = mpi().COMM_SELF if comm is None else comm
+    discretization = discretize(scene)
+    model = build_model(scene, discretization, comm)
+    case = make_load_case(scene, discretization, model) if loaded else None
+    state = new_state(model)
+    return Body(scene, discretization, model, case, Forces(model, state.bounds), state)
+
+
+def fields_of_positions(discretization, displacement):
+    """Fields that take the values of a function of positions, shape (n, 3) to (n, 3), in the deck's units."""
+    nodes = discretization.mesh.nodes[discretization.node_number >= 0]
+    return Fields(
+        displacement(point_positions(discretization)) if discretization.has_points.any() else None,
+        displacement(nodes) if len(nodes) else None,
+    )
+
+
+class Silence:
+    """A reporter that says nothing."""
+
+    def line(self, text):
+        """Say nothing."""
+
+    def progress(self, *arguments):
+        """Say nothing."""
+
+    def table(self, title, rows):
+        """Say nothing."""
+
+
+def run_deck(name, out, *overrides):
+    """Run a deck of ``jobs/`` on this rank alone, without pictures and fields, and return its summary."""
+    text = (ROOT / "jobs" / name).read_text(encoding="utf-8")
+    scene = parse_deck(text, name, (*overrides, "output.fields=false", "output.figures=false"))
+    with patch("pdfem_mpi.run.warm_up"):  # it closes the kernels to a second run in the same process
+        code = run(scene, mpi().COMM_SELF, Path(out), text, True, Silence())
+    summary = json.loads((Path(out) / "summary.json").read_text(encoding="utf-8"))
+    assert code == 0, summary["reason"]
+    return summary
