@@ -55,6 +55,8 @@ class Forces:
     bounds : Bounds
     tangent : bool
         Evaluate the tangent of finite bond forces, at the displacements given to `linearise`.
+    critical_e : float, dimension 1
+        ``(1 + s_0)^2 - 1``: bonds of finite kinematics beyond it break (4). Infinity: none does, and none is asked.
     evaluations : int
         Sweeps over the bonds and elements so far.
     met : float64, shape (2,)
@@ -66,6 +68,7 @@ class Forces:
     model: Model
     bounds: Bounds = field(default_factory=Bounds)
     tangent: bool = False
+    critical_e: float = math.inf
     evaluations: int = 0
     met: np.ndarray = field(default_factory=lambda: np.zeros(2))
     seconds: dict[str, float] = field(
@@ -239,11 +242,10 @@ class Forces:
             sweep = peridynamics.add_forces_tangent
         elif not bonds.finite:
             sweep = peridynamics.add_forces_linear
-        elif self.bounds.bond <= peridynamics.SERIES_LIMIT:
-            sweep = peridynamics.add_forces_series
         else:
-            sweep = peridynamics.add_forces_closed
-        table = peridynamics.constants(math.inf, pattern)
+            series, failing = self.bounds.bond <= peridynamics.SERIES_LIMIT, self.critical_e < math.inf
+            sweep = peridynamics.FINITE_SWEEPS[series, failing]
+        table = peridynamics.constants(self.critical_e, pattern)
         extremes = np.zeros(2)
         n_points = len(rows.start) - 1
         for first in range(0, n_points, CHUNK):

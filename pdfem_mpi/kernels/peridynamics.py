@@ -239,6 +239,13 @@ add_forces_series = _finite_sweep(closed=False, failing=False)
 add_forces_closed = _finite_sweep(closed=True, failing=False)
 add_forces_series_failing = _finite_sweep(closed=False, failing=True)
 add_forces_closed_failing = _finite_sweep(closed=True, failing=True)
+#: By (series, failing).
+FINITE_SWEEPS = {
+    (True, False): add_forces_series,
+    (False, False): add_forces_closed,
+    (True, True): add_forces_series_failing,
+    (False, True): add_forces_closed_failing,
+}
 
 
 @njit(**_options)

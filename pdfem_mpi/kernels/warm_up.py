@@ -3,6 +3,7 @@
 import numba
 
 from pdfem_mpi.kernels import (
+    ceilings,
     exact_sums,
     families,
     finite_elements,
@@ -14,6 +15,7 @@ from pdfem_mpi.kernels import (
 )
 
 MODULES = (
+    ceilings,
     exact_sums,
     families,
     finite_elements,

@@ -37,6 +37,8 @@ def test_rows_hold_each_pair_once(kind):
     assert len(expected) < len(whole.x) * (len(whole.x) - 1) // 2  # some pairs are too far apart
     assert (pairs == expected).all()
     assert share.bonds.count == len(expected)
+    stored = share.bonds.interior.data.reshape(-1, 2, W)[:-1, 0]
+    assert (stored != 0.0).any(axis=1).all()
 
 
 @kinds
