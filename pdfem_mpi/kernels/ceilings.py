@@ -6,7 +6,7 @@ Nothing here is used by a simulation.
 from numba import njit, types
 
 from pdfem_mpi.kernels.peridynamics import _V1, _V2, _V3, _V4, _V5, _V6, _V7, _V8, _series, u8
-from pdfem_mpi.kernels.simd import W, above, fma, fnma, hsum, lanes, largest, load, smallest, splat, store
+from pdfem_mpi.kernels.simd import W, above, fma, fnma, hmax, hmin, hsum, lanes, largest, load, smallest, splat, store
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 #: Fused multiply-adds a turn of the loop of `multiply_add`: 12 independent chains hide their latency.
@@ -151,7 +151,7 @@ def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table
         S[own + 6 * W] += hsum(fx)
         S[own + 7 * W] += hsum(fy)
         S[own + 8 * W] += hsum(fz)
-    extremes[0], extremes[1] = hsum(peak), hsum(floor)
+    extremes[0], extremes[1] = hmax(peak), hmin(floor)
     return count
 
 

@@ -1,8 +1,9 @@
-"""The coarsest level: the intact body's elasticity on a background grid of about two cells' spacing, factorised once.
+"""The coarse level: the intact body's elasticity on a background grid of about two cells' spacing, factorised once.
 
 The grid's trilinear functions need not follow the mesh. Their stiffness is integrated at the Gauss points of all
 cells, through the 27 moments of each grid cell; the moments are order-independent sums, every rank then factorises
-and solves the same small problem, and so finds the same bits.
+and solves the same small problem, and so finds the same bits. Where factors would outgrow ``MOST_FILL``, one symmetric
+multigrid cycle over nested grids takes the place of the direct solve, down to a grid that can be factorised.
 """
 
 from __future__ import annotations
@@ -20,8 +21,12 @@ from pdfem_mpi.kernels.preconditioner import interpolate, restrict
 from pdfem_mpi.model import Model
 from pdfem_mpi.parallel.comm import sum_integers
 
-#: Spacing of the grid in cell edges, and the most unknowns that are factorised: a finer grid is made coarser.
-COARSENING, MOST_UNKNOWNS = 2.0, 60_000
+#: Spacing of the grid in cell edges.
+COARSENING = 2.0
+#: Most entries of the factors, about 12 bytes each on every rank, estimated as unknowns times half a band.
+MOST_FILL = 2.5e7
+#: Damping and number of Jacobi steps before and after each correction of a multigrid cycle.
+DAMPING, SMOOTHINGS = 0.5, 2
 #: Added to the diagonal, relative: pins the rigid motions of free bodies.
 PIN = 1e-8
 #: Moments are rounded to this fraction of a cell of unit volume.
@@ -48,6 +53,30 @@ def _moment_table(derivatives) -> np.ndarray:
 
 
 @dataclass(frozen=True)
+class Level:
+    """A grid of the cycle: its stiffness and the way to the next coarser one, or, on the last, its factors."""
+
+    factor: SuperLU | None
+    matrix: sparse.csr_array | None = None
+    smoother: np.ndarray | None = None
+    prolongation: sparse.csr_array | None = None
+
+
+def solve(levels: tuple[Level, ...], right: np.ndarray) -> np.ndarray:
+    """``C^-1 right`` on the first level, directly or by one symmetric cycle; float64, shape (n_unknowns,)."""
+    level = levels[0]
+    if level.factor is not None:
+        return level.factor.solve(right)
+    x = level.smoother * right
+    for _ in range(SMOOTHINGS - 1):
+        x += level.smoother * (right - level.matrix @ x)
+    x += level.prolongation @ solve(levels[1:], level.prolongation.T @ (right - level.matrix @ x))
+    for _ in range(SMOOTHINGS):
+        x += level.smoother * (right - level.matrix @ x)
+    return x
+
+
+@dataclass(frozen=True)
 class Grid:
     """The level as seen from the nodes of one rank.
 
@@ -58,14 +87,14 @@ class Grid:
     weights : float64, shape (n_nodes, 8)
     n_nodes : int
         Grid nodes that touch the body.
-    factor : SuperLU
-        The same on every rank.
+    levels : tuple of Level
+        From fine to coarse, the same on every rank.
     """
 
     corners: np.ndarray
     weights: np.ndarray
     n_nodes: int
-    factor: SuperLU
+    levels: tuple[Level, ...]
 
     def add_correction(self, comm, r: np.ndarray, quantum: float, z: np.ndarray) -> None:
         """``z += T C^-1 T^t r`` for the owned nodes. Collective.
@@ -79,7 +108,7 @@ class Grid:
         sums = np.zeros((self.n_nodes, 3), np.int64)
         restrict(False, self.corners, self.weights, r, quantum, sums)
         right = (sum_integers(comm, sums) * quantum).reshape(-1)
-        interpolate(False, self.corners, self.weights, self.factor.solve(right).reshape(-1, 3), z)
+        interpolate(False, self.corners, self.weights, solve(self.levels, right).reshape(-1, 3), z)
 
 
 def make_grid(
@@ -102,8 +131,11 @@ def make_grid(
     lower, upper = positions.min(axis=0), positions.max(axis=0)
     edge = np.sqrt(((positions[cells[:, 6]] - positions[cells[:, 0]]) ** 2).sum(axis=1) / 3.0)
     spacing = COARSENING * float(np.median(edge))
-    while 3 * np.prod((counts := _count(upper - lower, spacing)) + 1) > MOST_UNKNOWNS:
-        spacing *= 1.25
+    counts = np.maximum(1, np.rint((upper - lower) / spacing)).astype(np.int64)
+    n_halvings = 0
+    while _fill(_halved(counts, n_halvings)) > MOST_FILL:
+        n_halvings += 1
+    counts = _nested(counts, n_halvings)
     h = (upper - lower) / counts
 
     own = subdomain.elements
@@ -125,16 +157,74 @@ def make_grid(
         _add_moments(moments[:, 1 + d], where[held], xi[held], np.ones(np.count_nonzero(held)))
 
     moments = sum_integers(comm, moments) * MOMENT_QUANTUM
-    number, factor = _factorise(moments, h, counts, intact.elements.poissons_ratio, spring)
+    number, matrix = _stiffness(moments, h, counts, intact.elements.poissons_ratio, spring)
+    corners = np.ascontiguousarray(number[_cell_nodes(counts)[where]].astype(np.int32))
+    n_nodes = int(number.max()) + 1
     weights = np.ones((len(where), 8))
     for d in range(3):
         weights *= np.where(_CORNERS[:, d], xi[:, d, None], 1.0 - xi[:, d, None])
-    corners = number[_cell_nodes(counts)[where]].astype(np.int32)
-    return Grid(np.ascontiguousarray(corners), weights, int(number.max()) + 1, factor)
+    levels = []
+    for _ in range(n_halvings):
+        below, prolongation = _prolongation(number, counts)
+        levels.append(Level(None, matrix.tocsr(), DAMPING / matrix.diagonal(), prolongation))
+        matrix = prolongation.T @ matrix @ prolongation
+        number, counts = below, _halved(counts, 1)
+    levels.append(Level(_factorise(matrix)))
+    return Grid(corners, weights, n_nodes, tuple(levels))
 
 
-def _count(extent: np.ndarray, spacing: float) -> np.ndarray:
-    return np.maximum(1, np.rint(extent / spacing)).astype(np.int64)
+def _halved(counts: np.ndarray, times: int) -> np.ndarray:
+    """Cells along each axis of the grid ``times`` levels coarser; an axis of one cell stays."""
+    for _ in range(times):
+        counts = (counts + 1) // 2
+    return counts
+
+
+def _nested(counts: np.ndarray, times: int) -> np.ndarray:
+    """The next larger counts that can be halved so often, where they are not 1."""
+    coarsest = _halved(counts, times)
+    return np.where(counts == 1, 1, coarsest * 2**times)
+
+
+def _fill(counts: np.ndarray) -> float:
+    """Estimated entries of both factors: unknowns times the band of the two shorter axes."""
+    nodes = np.sort(counts + 1).astype(float)
+    return 2.0 * 9.0 * float(np.prod(nodes)) * nodes[0] * nodes[1] / 2.0
+
+
+def _prolongation(number: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, sparse.csr_array]:
+    """Trilinear interpolation from the grid of half the cells.
+
+    Parameters
+    ----------
+    number : int64, shape (n_grid_nodes,)
+        Numbers of the grid nodes in use, -1 elsewhere.
+    counts : int64, shape (3,)
+
+    Returns
+    -------
+    number : int64, shape (n_coarser_grid_nodes,)
+    prolongation : sparse, shape (n_unknowns, n_coarser_unknowns)
+    """
+    coarser = _halved(counts, 1)
+    ratio = np.where(counts == coarser, 1, 2)
+    index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
+    base, odd = index // ratio, index % ratio
+    rows, columns, weights = [], [], []
+    for corner in _CORNERS:
+        # an odd node lies half-way between two coarser ones, an even one on one of them
+        used = ((corner == 0) | (odd == 1)).all(axis=1)
+        node = base[used] + corner
+        rows.append(np.flatnonzero(used))
+        columns.append((node[:, 0] * (coarser[1] + 1) + node[:, 1]) * (coarser[2] + 1) + node[:, 2])
+        weights.append(np.prod(np.where(odd[used] == 1, 0.5, 1.0), axis=1))
+    columns = np.concatenate(columns)
+    below = np.full(int(np.prod(coarser + 1)), -1)
+    below[np.unique(columns)] = np.arange(len(np.unique(columns)))
+    scalar = sparse.coo_array(
+        (np.concatenate(weights), (np.concatenate(rows), below[columns])), shape=(len(index), int(below.max()) + 1)
+    )
+    return below, sparse.csr_array(sparse.kron(scalar, sparse.eye_array(3)))
 
 
 def _locate(x: np.ndarray, lower, h, counts) -> tuple[np.ndarray, np.ndarray]:
@@ -160,8 +250,8 @@ def _add_moments(moments: np.ndarray, where: np.ndarray, xi: np.ndarray, weight:
         np.add.at(moments[:, m], where, np.rint(terms / MOMENT_QUANTUM).astype(np.int64))
 
 
-def _factorise(moments, h, counts, nu: float, spring: float) -> tuple[np.ndarray, SuperLU]:
-    """Numbers of the grid nodes that touch the body (-1 elsewhere), and the factorised stiffness."""
+def _stiffness(moments, h, counts, nu: float, spring: float) -> tuple[np.ndarray, sparse.csc_array]:
+    """Numbers of the grid nodes that touch the body (-1 elsewhere), and the stiffness of their unknowns."""
     active = moments[:, 0, 0] > 0.0
     cells = _cell_nodes(counts)[active]
     number = np.full(int(np.prod(counts + 1)), -1)
@@ -185,9 +275,12 @@ def _factorise(moments, h, counts, nu: float, spring: float) -> tuple[np.ndarray
     dofs = (3 * number[cells][:, :, None] + np.arange(3)).reshape(-1, 24)
     rows = np.repeat(dofs, 24, axis=1).reshape(-1)
     columns = np.tile(dofs, (1, 24)).reshape(-1)
-    matrix = sparse.coo_matrix((stiffness.reshape(-1), (rows, columns)), shape=(3 * len(used),) * 2).tocsc()
+    matrix = sparse.coo_array((stiffness.reshape(-1), (rows, columns)), shape=(3 * len(used),) * 2).tocsc()
     diagonal = matrix.diagonal()
-    matrix = 0.5 * (matrix + matrix.T) + sparse.diags_array(PIN * np.maximum(diagonal, diagonal.mean()))
-    return number, splu(
-        matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
+    return number, 0.5 * (matrix + matrix.T) + sparse.diags_array(PIN * np.maximum(diagonal, diagonal.mean()))
+
+
+def _factorise(matrix) -> SuperLU:
+    """Factors of a symmetric positive matrix."""
+    options = {"SymmetricMode": True}
+    return splu(sparse.csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)

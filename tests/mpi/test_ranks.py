@@ -14,7 +14,7 @@ from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.scene import BodyForce, Coupling, SceneError, Support
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.convergence import NotConverged
-from pdfem_mpi.stepping import follow_load_program
+from pdfem_mpi.stepping import follow_load_program, make_solver
 from verification.bodies import build, make_scene
 
 pytestmark = pytest.mark.mpi(min_size=2)
@@ -58,43 +58,79 @@ SCENES |= {
 }
 
 
-def solve(body, evaluations=None):
-    """Relax a body, for some evaluations or to equilibrium, and return all that must not depend on ranks.
+#: Scenes and solvers that are taken to equilibrium; the others only with --all.
+TO_EQUILIBRIUM = (
+    ("coupled, linear, appendix_a", "adr"),
+    ("coupled, linear, appendix_a", "cg"),
+    ("coupled, finite, none", "cg"),
+    ("peridynamics, finite, appendix_a", "cg"),
+    ("elements", "adr"),
+    ("elements", "cg"),
+    ("supports", "cg"),
+)
 
-    Collective; the same on every rank of the body's communicator.
-    """
-    model, case, state = body.model, body.case, body.state
+
+def few_iterations(body):
+    """Relax a body for some evaluations and return all that must not depend on ranks. Collective."""
     seen = []
-    if evaluations is None:
-        for equilibrium in follow_load_program(
-            body.scene, body.forces, state, case, lambda step, progress: seen.append(progress)
-        ):
-            balances = equilibrium.force_balance, equilibrium.moment_balance
-            seen.append((equilibrium.convergence, equilibrium.reaction.tolist(), balances))
-    else:
-        with suppress(NotConverged):
-            adr.solve(body.forces, state, case.external, case.fixed, 1e-12, evaluations, seen.append)
-        body.internal(state.u)
-    fields = gather_fields(body.discretization, body.forces, state.u)
-    counts = broadcast(model.comm, body.forces.evaluations), total_bonds(model.comm, model.bonds)
-    return broadcast(model.comm, fields and fields_sha256(fields)), counts, seen
+    case = body.case
+    with suppress(NotConverged):
+        adr.solve(body.forces, body.state, case.external, case.fixed, 1e-12, FEW, seen.append)
+    body.internal(body.state.u)
+    return outcome(body, seen)
+
+
+def equilibrium(body):
+    """Take a body through its load program and return all that must not depend on ranks. Collective."""
+    seen = []
+    solver = make_solver(body.scene, body.discretization, body.forces, body.case)
+    watch = lambda step, progress: seen.append(progress)  # noqa: E731
+    for found in follow_load_program(body.scene, solver, body.forces, body.state, body.case, watch):
+        seen += [found.convergence, found.reaction.tolist(), (found.force_balance, found.moment_balance)]
+    return outcome(body, seen)
+
+
+def outcome(body, seen):
+    """Digest of the fields, counts, and what was seen, equal on all ranks of the body. Collective."""
+    comm = body.model.comm
+    fields = gather_fields(body.discretization, body.forces, body.state.u)
+    counts = body.forces.evaluations, total_bonds(comm, body.model.bonds)
+    return broadcast(comm, fields and fields_sha256(fields)), counts, seen
 
 
 @cache
-def on_one_rank(name, evaluations):
+def on_one_rank(how, name, solver="adr"):
     """The same by this rank alone."""
-    return solve(build(SCENES[name](), mpi().COMM_SELF), evaluations)
+    return how(build(SCENES[name](solver=solver), mpi().COMM_SELF))
 
 
-@pytest.mark.parametrize("evaluations", [FEW, None], ids=["few iterations", "equilibrium"])
+def assert_same(comm, found, expected):
+    """Agree on what differs. Collective."""
+    for a, b, what in zip(found, expected, ("displacements", "evaluations or bonds", "progress"), strict=True):
+        assert_all(comm, a == b, f"{what} differ from those of one rank")
+
+
 @pytest.mark.parametrize("name", SCENES)
-def test_fields_do_not_depend_on_the_number_of_ranks(comm, name, evaluations):
-    """Displacements, residuals, damping, reactions and bonds of 1, 2, 3, 4 ranks: equal bits."""
-    expected = on_one_rank(name, evaluations)
-    found = solve(build(SCENES[name](), comm), evaluations)
-    assert_all(comm, found[0] == expected[0], "displacement fields differ")
-    assert_all(comm, found[1] == expected[1], "evaluations or bonds differ")
-    assert_all(comm, found[2] == expected[2], "residuals, dampings, reactions or balances differ")
+def test_iterations_do_not_depend_on_the_number_of_ranks(comm, name):
+    """Displacements, residuals, dampings and bonds of 1, 2, 3, 4 ranks: equal bits."""
+    expected = on_one_rank(few_iterations, name)
+    found = few_iterations(build(SCENES[name](), comm))
+    assert_same(comm, found, expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "solver"),
+    [
+        pytest.param(name, solver, marks=() if (name, solver) in TO_EQUILIBRIUM else pytest.mark.slow)
+        for name in SCENES
+        for solver in ("adr", "cg")
+    ],
+)
+def test_equilibrium_does_not_depend_on_the_number_of_ranks(comm, name, solver):
+    """Displacements, reactions, balances and the solver's path to them: equal bits, with either solver."""
+    expected = on_one_rank(equilibrium, name, solver)
+    found = equilibrium(build(SCENES[name](solver=solver), comm))
+    assert_same(comm, found, expected)
 
 
 def random_owners(discretization, n_parts, seed):
@@ -147,16 +183,25 @@ OWNERS = {
 
 
 @pytest.mark.parametrize(
-    "name", ["coupled, linear, appendix_a", "coupled, finite, appendix_a", "coupled, reading A", "supports"]
+    "name",
+    ["coupled, finite, appendix_a", *(pytest.param(n, marks=pytest.mark.slow) for n in ("supports", "coupled, reading A"))],
 )
 @pytest.mark.parametrize("owners", OWNERS)
-def test_fields_do_not_depend_on_who_owns_what(comm, monkeypatch, owners, name):
+def test_iterations_do_not_depend_on_who_owns_what(comm, monkeypatch, owners, name):
     """Any map of cells to ranks gives the same bits, also where a rank has one description only or one cell."""
-    expected = on_one_rank(name, FEW)
+    expected = on_one_rank(few_iterations, name)
     monkeypatch.setattr(model_module, "partition", OWNERS[owners])
-    found = solve(build(SCENES[name](), comm), FEW)
-    assert_all(comm, found[0] == expected[0], "displacement fields differ")
-    assert_all(comm, found[1:] == expected[1:], "bonds, residuals or dampings differ")
+    found = few_iterations(build(SCENES[name](), comm))
+    assert_same(comm, found, expected)
+
+
+@pytest.mark.parametrize("owners", ["random", "elements here, points there"])
+def test_conjugate_gradients_do_not_depend_on_who_owns_what(comm, monkeypatch, owners):
+    """The coarse space is the same whatever the map of cells to ranks."""
+    expected = on_one_rank(equilibrium, "coupled, linear, appendix_a", "cg")
+    monkeypatch.setattr(model_module, "partition", OWNERS[owners])
+    found = equilibrium(build(SCENES["coupled, linear, appendix_a"](solver="cg"), comm))
+    assert_same(comm, found, expected)
 
 
 @pytest.mark.parametrize("cells", [(1, 1, 1), (2, 1, 1), (4, 1, 1)], ids=str)
@@ -169,9 +214,9 @@ def test_body_with_hardly_more_cells_than_ranks(comm, model, cells):
         with pytest.raises(SceneError, match=f"Use at most {n_cells} ranks"):
             build(scene, comm)
         return
-    expected = solve(build(scene, mpi().COMM_SELF), FEW)
-    found = solve(build(scene, comm), FEW)
-    assert_all(comm, found == expected, "results differ")
+    expected = few_iterations(build(scene, mpi().COMM_SELF))
+    found = few_iterations(build(scene, comm))
+    assert_same(comm, found, expected)
 
 
 def test_each_bond_is_on_one_rank(comm):

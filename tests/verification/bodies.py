@@ -72,6 +72,7 @@ def make_scene(
     overlap=1,
     loads=None,
     supports=(),
+    solver="adr",
     tolerance=1e-6,
     max_evaluations=20_000,
     poissons_ratio=0.25,
@@ -86,7 +87,7 @@ def make_scene(
         coupling=Coupling(kind=coupling, overlap=overlap),
         loads=tension(cells, n_elements) if loads is None else loads,
         supports=supports,
-        solver=Solver(tolerance=tolerance, max_evaluations=max_evaluations),
+        solver=Solver(kind=solver, tolerance=tolerance, max_evaluations=max_evaluations),
         **tables,
     )
 
