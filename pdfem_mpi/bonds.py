@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.kernels import families, surface_correction
+from pdfem_mpi.kernels.cracks import cut_rows
 from pdfem_mpi.kernels.peridynamics import add_densities
 from pdfem_mpi.kernels.simd import PATTERN, W
 from pdfem_mpi.parallel.comm import largest, sum_integers
@@ -271,6 +272,26 @@ def start_sums(T: np.ndarray, terms: np.ndarray, bound: float) -> tuple[float, f
     with np.errstate(over="ignore"):
         T.view(np.int64)[:, 6:9] = (-terms * integer_bits(pattern)).reshape(-1, 1, W)
     return quantum, pattern
+
+
+def cut_bonds(comm, points: Points, bonds: Bonds, polygon: np.ndarray, normal: np.ndarray) -> int:
+    """Cut the bonds that cross a plane polygon. Collective.
+
+    Parameters
+    ----------
+    polygon : float64, shape (n_corners, 3), dimension length
+    normal : float64, shape (3,)
+
+    Returns
+    -------
+    int
+        Bonds cut on all ranks.
+    """
+    across, up = np.sort(np.argsort(np.abs(normal), kind="stable")[:2])
+    cut = sum(
+        cut_rows(*rows.arrays, points.x, polygon, normal, int(across), int(up), bonds.finite) for rows in bonds.rows
+    )
+    return int(sum_integers(comm, np.array([cut]))[0])
 
 
 def total_bonds(comm, bonds: Bonds | None) -> int:

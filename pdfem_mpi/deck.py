@@ -266,14 +266,16 @@ def _partial_tables(wrong: set[str], data: dict[str, Any]) -> tuple[dict[str, An
         raw = data.get(name, MISSING)
         if raw is MISSING and not field.is_required():
             tables[name] = field.get_default(call_default_factory=True)
-        elif isinstance(raw, dict) and len(models) == 1 and get_origin(field.annotation) is not tuple:
-            tables[name] = sound(models[0], raw, name)
+        elif isinstance(raw, dict) and models and get_origin(field.annotation) is not tuple:
+            fitting = [model for model in models if len(models) == 1 or _kind_of(model) == _kind_in(raw, models)]
+            if fitting:
+                tables[name] = sound(fitting[0], raw, name)
         elif isinstance(raw, tuple) and models and get_origin(field.annotation) is tuple:
             items = []
             for index, item in enumerate(raw):
                 fitting = models
                 if len(models) > 1:
-                    kind = item.get("kind") if isinstance(item, dict) else None
+                    kind = _kind_in(item, models) if isinstance(item, dict) else None
                     fitting = [model for model in models if _kind_of(model) == kind]
                 usable = isinstance(item, dict) and fitting
                 items.append(sound(fitting[0], item, f"{name}.{index}") if usable else None)
@@ -301,6 +303,12 @@ def _kind_of(model: type[Table]) -> str:
     return str(get_args(model.model_fields["kind"].annotation)[0])
 
 
+def _kind_in(value: dict[str, Any], models: Sequence[type[Table]]) -> Any:
+    """Return the kind of a table of a union; left out, the first model's where that has a default."""
+    default = models[0].model_fields["kind"].default
+    return value.get("kind", default if isinstance(default, str) else None)
+
+
 def _walk(loc: Sequence[int | str], data: dict[str, Any]) -> _Place:
     """Follow an error's location through data and models; tags of unions are not part of the path."""
     path: list[str] = []
@@ -315,7 +323,7 @@ def _walk(loc: Sequence[int | str], data: dict[str, Any]) -> _Place:
             value = value[part] if isinstance(value, tuple) and part < len(value) else MISSING
             arguments = get_args(_unwrap(annotation))
             annotation = arguments[0] if arguments else Any
-        elif len(models) > 1 and isinstance(value, dict) and value.get("kind") == part:
+        elif len(models) > 1 and isinstance(value, dict) and _kind_in(value, models) == part:
             annotation = next(model for model in models if _kind_of(model) == part)
         else:
             path.append(part)
@@ -375,6 +383,11 @@ def _other_home(name: str, table: type[Table]) -> str:
     ]
     if homes and name not in ("kind", "name"):
         return f" It is a key of {' and of '.join(homes)}: move it there."
+    for field in Scene.model_fields.values():
+        models = _models(field.annotation)
+        kinds = [_kind_of(model) for model in models if table in models and name in model.model_fields]
+        if kinds:
+            return f' It is a key of kind = "{kinds[0]}": set that kind, or remove it.'
     keys = ", ".join(table.model_fields)
     return f" Remove it; the keys here are {keys}."
 

@@ -17,7 +17,8 @@ import numpy as np
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.mesh import generators
 from pdfem_mpi.mesh.hexmesh import HexMesh
-from pdfem_mpi.scene import BoxMesh, Scene, SceneError
+from pdfem_mpi.mesh.quality import Quality, measure
+from pdfem_mpi.scene import BoxMesh, PlateWithHoleMesh, Scene, SceneError
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class Discretization:
     ----------
     mesh : HexMesh
         In the deck's units.
+    quality : Quality
     units : ModelUnits
     nodes : float64, shape (n_nodes, 3)
         Node positions in model units.
@@ -63,6 +65,7 @@ class Discretization:
     """
 
     mesh: HexMesh
+    quality: Quality
     units: ModelUnits
     nodes: np.ndarray
     region: np.ndarray
@@ -90,8 +93,10 @@ class Discretization:
         return self.has_stiffness | self.is_overlap
 
 
-def make_mesh(mesh: BoxMesh) -> HexMesh:
+def make_mesh(mesh: BoxMesh | PlateWithHoleMesh) -> HexMesh:
     """The mesh a deck asks for."""
+    if isinstance(mesh, PlateWithHoleMesh):
+        return generators.plate_with_hole(mesh.lower, mesh.upper, mesh.hole_radius, mesh.spacing)
     return generators.box(mesh.lower, mesh.upper, mesh.n_cells)
 
 
@@ -101,9 +106,10 @@ def discretize(scene: Scene) -> Discretization:
     Raises
     ------
     SceneError
-        Regions that overlap or leave cells out, an empty region, an overlap that does not fit.
+        Cells inside out, regions that overlap or leave cells out, an empty region, an overlap that does not fit.
     """
     mesh = make_mesh(scene.mesh)
+    quality = measure(mesh)
     region = _assign_regions(scene, mesh)
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
     is_overlap = _find_overlap(scene, mesh, peridynamic)
@@ -112,7 +118,7 @@ def discretize(scene: Scene) -> Discretization:
     has_stiffness = ~peridynamic & (keeps_both | ~is_overlap)
 
     if has_points.any():
-        length, cutoff_radius = scene.peridynamics.lengths(mesh.largest_edge)
+        length, cutoff_radius = scene.peridynamics.lengths(_cell_edge(scene, mesh))
         cutoff = cutoff_radius / length * (1.0 + CUTOFF_GUARD)
     else:
         length, cutoff = mesh.mean_edge, 0.0
@@ -122,6 +128,7 @@ def discretize(scene: Scene) -> Discretization:
     carries[mesh.cells[has_stiffness | is_overlap]] = True
     return Discretization(
         mesh=mesh,
+        quality=quality,
         units=units,
         nodes=(mesh.nodes - units.origin) / length,
         region=region,
@@ -133,6 +140,11 @@ def discretize(scene: Scene) -> Discretization:
         cutoff=cutoff,
         poissons_ratio=scene.material.poissons_ratio,
     )
+
+
+def _cell_edge(scene: Scene, mesh: HexMesh) -> float:
+    """The paper's Delta: graded cells of a plate are "approximately" as wide as its spacing (sec. 4.2)."""
+    return scene.mesh.spacing if isinstance(scene.mesh, PlateWithHoleMesh) else mesh.largest_edge
 
 
 def _number(chosen: np.ndarray) -> np.ndarray:

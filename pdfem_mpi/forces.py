@@ -24,6 +24,12 @@ CHUNK = 16384
 HEADROOM = 4.0
 #: A bound this much above what is met is lowered: it costs digits.
 SLACK = 2.0**8
+#: Numbers from here on count as infinite: their products would be.
+LARGEST = 2.0**400
+
+
+class NotFinite(Exception):
+    """A displacement or a force is not finite; the sentence names its point or node. Raised on all ranks alike."""
 
 
 @dataclass
@@ -79,7 +85,7 @@ class Forces:
         model = self.model
         if model.points:
             # a table of whole pages, so that its alignment does not vary between runs
-            self.S = _pages((model.points.n_clusters, 9, W))
+            self.S = pages((model.points.n_clusters, 9, W))
             self.S[:, 3:6] = model.points.x.reshape(-1, 3, W)
             self.SI = self.S.view(np.int64)
             self.excess = model.bonds.added - model.bonds.taken
@@ -102,7 +108,9 @@ class Forces:
         points, bonds, nodes = model.points, model.bonds, model.nodes
         n = model.n_point_unknowns
         self.evaluations += 1
-        self.met[:] = 0.0
+        with np.errstate(over="ignore", invalid="ignore"):  # NaN would pass the sweeps' comparisons
+            self.met[:] = 0.0 if math.isfinite(np.dot(u, u)) else math.inf
+        self.last = u, force
         if nodes:
             self.u_nodes[: nodes.n_owned] = u[n:].reshape(-1, 3)
             nodes.halo.start_forward(self.u_nodes)
@@ -137,6 +145,9 @@ class Forces:
             clock.lap("exchange")
         if model.elements:
             node_quantum, _ = pattern_for(model.elements.bound * self.bounds.element)
+            if model.overlap:
+                # elements may be at rest while the overlap pulls: its sums must fit the nodes' integers
+                node_quantum = max(node_quantum, bond_quantum)
             self._sweep_elements(node_quantum)
             clock.lap("elements")
         elif nodes:
@@ -185,11 +196,19 @@ class Forces:
         return int(beyond), int(bond * SLACK >= bounds.bond), int(element * SLACK >= bounds.element)
 
     def check_bounds(self, votes: np.ndarray) -> bool:
-        """Act on the summed votes: fit the bounds where needed, and say whether the evaluation counts. Collective."""
+        """Act on the summed votes: fit the bounds where needed, and say whether the evaluation counts. Collective.
+
+        Raises
+        ------
+        NotFinite
+            No bound can hold what the last evaluation met.
+        """
         beyond, near_bond, near_element = votes
         waste = (self.model.bonds and not near_bond) or (self.model.elements and not near_element)
         if beyond or waste:
             met = largest(self.model.comm, self.met)
+            if not met.max() < LARGEST:
+                raise NotFinite(self.describe_not_finite(*self.last))
             self.bounds.bond = _fitted(self.bounds.bond, float(met[0]))
             self.bounds.element = _fitted(self.bounds.element, float(met[1]))
         return not beyond
@@ -205,24 +224,33 @@ class Forces:
         owned = self.S[: 2 * self.model.points.n_owned, 0:3]
         return point_rows(np.ascontiguousarray(owned).reshape(-1))
 
-    def describe_not_finite(self, u: np.ndarray) -> str:
-        """A sentence that names the first point or node whose displacement is not finite. Collective."""
-        model = self.model
-        n = model.n_point_unknowns
-        bad = agree(model.comm, self._places_not_finite(u, n))
-        return "a displacement is not finite" + (f", first at {bad[0]}." if bad else ".")
+    def describe_not_finite(self, u: np.ndarray, force: np.ndarray) -> str:
+        """A sentence that names the first point or node whose displacement, or else force, is not finite. Collective.
 
-    def _places_not_finite(self, u: np.ndarray, n: int) -> list[str]:
+        Parameters
+        ----------
+        u, force : float64, shape (n_unknowns,)
+            Displacements, and the residual force on them.
+        """
+        for what, values in (("displacement", u), ("force", force)):
+            if places := agree(self.model.comm, self._places_not_finite(values)):
+                return f"the {what} of {places[0]} is not finite."
+        return "a sum over the unknowns is not finite."
+
+    def _places_not_finite(self, values: np.ndarray) -> list[str]:
+        """This rank's first point and first node with such a value."""
         model, places = self.model, []
+        n = model.n_point_unknowns
+
+        def first_of(rows):
+            return np.flatnonzero(~(np.abs(rows) < LARGEST).all(axis=1))[:1]
+
         if model.points:
-            wrong = np.flatnonzero(~np.isfinite(point_rows(u[:n])).all(axis=1))[:1]
-            places += [
-                ("point", 8 * model.points.cell_number[i // 8] + i % 8, point_rows(model.points.x)[i])
-                for i in wrong
-            ]
+            x, cell = point_rows(model.points.x), model.points.cell_number
+            places += [("point", 8 * cell[i // 8] + i % 8, x[i]) for i in first_of(point_rows(values[:n]))]
         if model.nodes:
-            wrong = np.flatnonzero(~np.isfinite(u[n:].reshape(-1, 3)).all(axis=1))[:1]
-            places += [("node", model.nodes.number[i], model.nodes.x[i]) for i in wrong]
+            number, x = model.nodes.number, model.nodes.x
+            places += [("node", number[i], x[i]) for i in first_of(values[n:].reshape(-1, 3))]
         units = model.units
         return [
             f"{kind} {number} at ({', '.join(f'{c:.6g}' for c in x * units.length + units.origin)})"
@@ -274,7 +302,7 @@ class Forces:
                 quantum,
                 met,
             )
-        self.met[1] = met[0]
+        self.met[1] = max(self.met[1], met[0])
 
 
 def _fitted(bound: float, met: float) -> float:
@@ -283,8 +311,8 @@ def _fitted(bound: float, met: float) -> float:
     return bound
 
 
-def _pages(shape: tuple[int, ...]) -> np.ndarray:
-    """Zeros on a page boundary."""
+def pages(shape: tuple[int, ...]) -> np.ndarray:
+    """Zeros on a page boundary, float64."""
     size = 8 * int(np.prod(shape))
     raw = np.zeros(size + 4096, np.uint8)
     start = -raw.ctypes.data % 4096

@@ -88,8 +88,8 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
     return case
 
 
-def rigid_modes(model: Model) -> np.ndarray:
-    """Three translations and three rotations about the origin, shape (6, n_unknowns)."""
+def rigid_modes(model: Model, u: np.ndarray | None = None) -> np.ndarray:
+    """Three translations and three rotations about the origin, of the body displaced by ``u``; (6, n_unknowns)."""
     n = model.n_point_unknowns
     x = np.concatenate(
         [
@@ -97,6 +97,8 @@ def rigid_modes(model: Model) -> np.ndarray:
             model.nodes.x[: model.nodes.n_owned] if model.nodes else np.empty((0, 3)),
         ]
     )
+    if u is not None:
+        x = x + np.concatenate([point_rows(u[:n]), u[n:].reshape(-1, 3)])
     modes = np.zeros((6, len(x), 3))
     for d in range(3):
         modes[d, :, d] = 1.0

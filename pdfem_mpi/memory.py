@@ -2,7 +2,7 @@
 
 A rank's need is counted, not guessed: its cells, ghosts and nodes are known exactly, and the rows of bonds come from a
 sample of its cells whose families are searched in full. What a scene's arrays take was read off the code and compared
-with resident memory: within 10 % on coupled, peridynamic and finite-element bodies of 100 MB and more.
+with resident memory: within 15 % on coupled, peridynamic and finite-element bodies of 100 MB and more.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from pdfem_mpi.scene import Scene, SceneError
 from pdfem_mpi.subdomain import Subdomain, cut_out, partition
 
 #: Cells of a rank whose families are searched.
-SAMPLE = 256
+SAMPLE = 128
 #: Bytes of a row: the place of its cluster, and four slots of one or two float32.
 ROW_BYTES = {"linear": 4 + 16, "finite": 4 + 32}
-#: Every rank holds the mesh: bytes of a cell that stay, and of the largest intermediate arrays.
-CELL_BYTES, CELL_PEAK_BYTES = 190, 800
+#: Every rank holds the mesh: bytes of a cell that stay, and of the largest intermediate arrays while it is cut up.
+CELL_BYTES, CELL_PEAK_BYTES = 190, 400
+#: Intermediate arrays of a cell with nodes, on every rank, while loads are lumped on nodes.
+NODAL_CELL_BYTES = 1700
 #: Positions, weights, table, counts and correction vectors of a point, ghosts included.
 POINT_BYTES = 170
 #: Vectors over the unknowns of a point or node while a load case is made: state, loads, twelve rigid modes.
-MOTION_BYTES = 660
-#: Connectivity of an element and its numbers while masses are summed; geometry of a general one is not counted.
-ELEMENT_BYTES = 450
-#: Blocks, corners, weights and vectors of conjugate gradients, for a point or node.
-GRADIENT_BYTES = 500
+MOTION_BYTES = 600
+#: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model and grid, for a cell.
+GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES = 650, 2700
 
 
 @dataclass(frozen=True)
@@ -109,16 +109,16 @@ def check_model(scene: Scene, discretization: Discretization, comm) -> Need:
 
 def estimate(scene: Scene, discretization: Discretization, subdomain: Subdomain) -> Need:
     """What a rank with this share will allocate at most at a time, beyond the discretization it has."""
-    kinematics = scene.peridynamics.kinematics
     cells = np.concatenate([subdomain.free, subdomain.overlap])
     rows, bonds = _count_bonds(discretization, cells)
-    nodes = len(subdomain.owned_nodes) + len(subdomain.ghost_nodes)
-    unknowns = 8 * len(subdomain.free) + len(subdomain.owned_nodes)
-    total = rows * ROW_BYTES[kinematics]
-    total += 8 * (len(cells) + len(subdomain.ghosts)) * POINT_BYTES + nodes * POINT_BYTES / 2
-    total += unknowns * (MOTION_BYTES + (GRADIENT_BYTES if scene.solver.kind == "cg" else 0))
-    total += len(subdomain.elements) * ELEMENT_BYTES
-    total += len(discretization.mesh.cells) * CELL_PEAK_BYTES * 0.5
+    n_nodes = len(subdomain.owned_nodes) + len(subdomain.ghost_nodes)
+    total = rows * ROW_BYTES[scene.peridynamics.kinematics]
+    total += 8 * (len(cells) + len(subdomain.ghosts)) * POINT_BYTES + 0.5 * n_nodes * POINT_BYTES
+    total += (8 * len(subdomain.free) + len(subdomain.owned_nodes)) * MOTION_BYTES
+    total += np.count_nonzero(discretization.has_nodes) * NODAL_CELL_BYTES
+    if scene.solver.kind == "cg":
+        total += 8 * len(subdomain.free) * GRADIENT_POINT_BYTES
+        total += (len(cells) + len(subdomain.elements)) * GRADIENT_CELL_BYTES
     return Need(bonds, total)
 
 
@@ -162,8 +162,8 @@ def _refuse(scene: Scene, comm, needed: float, what: str) -> None:
     if whole > available and first:
         shares = f" for {ranks} ranks, {show_bytes(most)} for the largest" if ranks > 1 else ""
         messages = [
-            f"mesh.spacing = {scene.mesh.spacing:g} does not fit into memory: {what} needs {show_bytes(whole)}{shares}, "
-            f"and {platform.node() or 'this computer'} has {show_bytes(available)} available. Use a larger spacing, "
+            f"mesh.spacing = {scene.mesh.spacing:g} does not fit into memory: {what} needs "
+            f"{show_bytes(whole)}{shares}, and {platform.node() or 'this computer'} has {show_bytes(available)} available. Use a larger spacing, "
             "a smaller peridynamic region, or more computers."
         ]
     if messages := agree(comm, messages):

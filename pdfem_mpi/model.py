@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pdfem_mpi.bonds import Bonds, Points, fictitious_masses, make_bonds, pattern_for
+from pdfem_mpi.bonds import Bonds, Points, cut_bonds, fictitious_masses, make_bonds, pattern_for
 from pdfem_mpi.discretization import Discretization, ModelUnits
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.finite_elements import (
@@ -21,7 +21,7 @@ from pdfem_mpi.kernels.finite_elements import (
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.parallel.halo import Halo, build_halo
-from pdfem_mpi.scene import Scene
+from pdfem_mpi.scene import Scene, polygon_normal
 from pdfem_mpi.subdomain import Subdomain, cut_out, partition
 
 if TYPE_CHECKING:
@@ -140,6 +140,8 @@ class Model:
         Fictitious masses (eqs 11, 22) of the unknowns: free points in cluster layout, then owned nodes.
     correction_remaining : float
         Largest ``|G / g_inf - 1|`` of the surface correction before its last sweep.
+    cut : tuple of int
+        Bonds cut by each initial crack, on all ranks.
     """
 
     comm: Intracomm
@@ -153,6 +155,7 @@ class Model:
     overlap: Overlap | None
     mass: np.ndarray
     correction_remaining: float
+    cut: tuple[int, ...]
 
     @property
     def n_point_unknowns(self) -> int:
@@ -186,13 +189,17 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -
     owner = partition(discretization, comm.size)
     subdomain = cut_out(discretization, owner, comm.rank)
     points = bonds = nodes = elements = overlap = None
-    remaining = 0.0
+    remaining, cut = 0.0, []
     if discretization.has_points.any():
         points = _make_points(discretization, subdomain, comm)
         finite = scene.peridynamics.kinematics == "finite"
         bonds, remaining = make_bonds(
             comm, points, discretization.cutoff, finite, scene.peridynamics.surface_correction
         )
+        for crack in scene.cracks:
+            corners = (np.array(crack.polygon) - discretization.units.origin) / discretization.units.length
+            normal, _ = polygon_normal(crack.polygon)
+            cut.append(cut_bonds(comm, points, bonds, corners, np.array(normal)))
     if discretization.has_nodes.any():
         nodes = _make_nodes(discretization, subdomain, comm)
         local = local_nodes(discretization, subdomain)
@@ -202,7 +209,18 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -
         overlap = Overlap(local[discretization.mesh.cells[subdomain.overlap]])
     mass = _masses(comm, points, bonds, nodes, elements, overlap)
     return Model(
-        comm, discretization.units, owner, subdomain, points, bonds, nodes, elements, overlap, mass, remaining
+        comm=comm,
+        units=discretization.units,
+        owner=owner,
+        subdomain=subdomain,
+        points=points,
+        bonds=bonds,
+        nodes=nodes,
+        elements=elements,
+        overlap=overlap,
+        mass=mass,
+        correction_remaining=remaining,
+        cut=tuple(cut),
     )
 
 

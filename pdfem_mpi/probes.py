@@ -1,4 +1,4 @@
-"""Numbers a deck asks for: displacements at points, and a bar's comparison with uniform tension."""
+"""Numbers a deck asks for: displacements at points and along lines, and a bar's comparison with uniform tension."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.fields import Fields, point_positions
 from pdfem_mpi.hex8 import GAUSS_POINTS, shape_functions, shape_gradients
-from pdfem_mpi.scene import BarProbe, Scene
+from pdfem_mpi.scene import BarProbe, LineProbe, Scene
 
 #: Stations nearer than this many cutoff radii to an end or to the interface are left out of straight-line fits.
 MARGIN = 2.0
@@ -46,30 +46,94 @@ class Bar:
     overlap: tuple[float, float] | None
 
 
+@dataclass(frozen=True)
+class Line:
+    """Displacements along a straight line.
+
+    Attributes
+    ----------
+    distance : float64, shape (n,), dimension length
+        From the start.
+    position : float64, shape (n, 3), dimension length
+    displacement : float64, shape (n, 3), dimension length
+        NaN outside of the body.
+    kind : str, shape (n,)
+        "finite elements" (also in the overlap), "peridynamics", or "" outside of the body.
+    """
+
+    distance: np.ndarray
+    position: np.ndarray
+    displacement: np.ndarray
+    kind: np.ndarray
+
+
+def measure_line(discretization: Discretization, fields: Fields, probe: LineProbe) -> Line:
+    """Sample the displacement along a line."""
+    start, stop = np.array(probe.start), np.array(probe.stop)
+    t = np.arange(probe.n) / (probe.n - 1)
+    position = start + t[:, None] * (stop - start)
+    position[-1] = stop
+    displacement, kind = np.full((probe.n, 3), np.nan), np.full(probe.n, "", object)
+    for k, point in enumerate(position):
+        holders, outside = _locate(discretization, point)
+        if outside <= discretization.mesh.tolerance:
+            displacement[k] = _interpolate(discretization, fields, holders)
+            elements = discretization.has_nodes[next(iter(holders))]
+            kind[k] = "finite elements" if elements else "peridynamics"
+    return Line(t * float(np.linalg.norm(stop - start)), position, displacement, kind.astype(str))
+
+
 def displacement_at(discretization: Discretization, fields: Fields, point) -> np.ndarray:
     """Displacement at a point of the body, by the shape functions of its cell.
 
     In a cell with elements or overlap the nodes are interpolated, in a peridynamic cell the trilinear function
-    through its eight points. Outside the body the nearest cell is extrapolated to the nearest of its points.
+    through its eight points; where peridynamic cells meet, their mean. Outside the body the nearest of its points is
+    taken.
 
     Returns
     -------
     float64, shape (3,), dimension length
     """
+    return _interpolate(discretization, fields, _locate(discretization, np.asarray(point, float))[0])
+
+
+def _locate(discretization: Discretization, point: np.ndarray) -> tuple[dict[int, np.ndarray], float]:
+    """Cells that hold a point, or come closest to it.
+
+    Returns
+    -------
+    holders : dict from cell to float64, shape (3,)
+        Reference coordinates in the first such cell with nodes; without any, in all such peridynamic cells.
+    outside : float, dimension length
+        Distance of the point from them; 0 inside, up to round-off.
+    """
     mesh = discretization.mesh
-    point = np.asarray(point, float)
     cell = int(np.argmin(((mesh.centroids - point) ** 2).sum(axis=1)))
     near = np.flatnonzero(mesh.neighbours(np.arange(len(mesh.cells)) == cell))
     local = {int(c): _reference_coordinates(mesh.nodes[mesh.cells[c]], point) for c in near}
-    cell = min(local, key=lambda c: (np.abs(local[c]).max().round(9), c))
-    rst = np.clip(local[cell], -1.0, 1.0)
-    if discretization.has_nodes[cell]:
-        values = fields.u_nodes[discretization.node_number[mesh.cells[cell]]]
-        shape = shape_functions(rst[None])[0]
-    else:
-        values = fields.u_points.reshape(-1, 8, 3)[discretization.point_cell_number[cell]]
-        shape = np.prod((1.0 + 9.0 * (rst / 3.0) * GAUSS_POINTS) / 2.0, axis=1)
-    return (shape[:, None] * values).sum(axis=0)
+    beyond = {
+        c: float(np.linalg.norm(shape_functions(np.clip(rst, -1.0, 1.0)[None])[0] @ mesh.nodes[mesh.cells[c]] - point))
+        for c, rst in local.items()
+    }
+    outside = min(beyond.values())
+    cells = [c for c in sorted(local) if beyond[c] <= outside + mesh.tolerance]
+    cells = [c for c in cells if discretization.has_nodes[c]][:1] or cells
+    return {c: local[c] for c in cells}, outside
+
+
+def _interpolate(discretization: Discretization, fields: Fields, holders: dict[int, np.ndarray]) -> np.ndarray:
+    """Mean over the holders of their own interpolation, at the nearest of their points."""
+    total = np.zeros(3)
+    for cell, coordinates in holders.items():
+        rst = np.clip(coordinates, -1.0, 1.0)
+        if discretization.has_nodes[cell]:
+            values = fields.u_nodes[discretization.node_number[discretization.mesh.cells[cell]]]
+            shape = shape_functions(rst[None])[0]
+        else:
+            values = fields.u_points.reshape(-1, 8, 3)[discretization.point_cell_number[cell]]
+            shape = np.prod((1.0 + 9.0 * (rst / 3.0) * GAUSS_POINTS) / 2.0, axis=1)
+        total += (shape[:, None] * values).sum(axis=0)
+    return total / len(holders)
 
 
 def _reference_coordinates(corners: np.ndarray, point: np.ndarray) -> np.ndarray:

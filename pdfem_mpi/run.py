@@ -8,6 +8,7 @@ import resource
 import shutil
 import sys
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Protocol
@@ -18,15 +19,17 @@ from pdfem_mpi import __version__
 from pdfem_mpi.bonds import total_bonds
 from pdfem_mpi.discretization import Discretization, discretize
 from pdfem_mpi.fields import Fields, fields_sha256, gather_fields, point_positions
-from pdfem_mpi.forces import Forces
+from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.kernels.warm_up import compile_kernels
 from pdfem_mpi.loading import make_load_case
+from pdfem_mpi.memory import check_mesh, check_model, show_bytes
 from pdfem_mpi.model import Model, build_model
-from pdfem_mpi.parallel.comm import agree, node_communicator, sum_integers
-from pdfem_mpi.probes import Bar, bar_results, displacement_at, measure_bar
+from pdfem_mpi.parallel.comm import agree, largest, node_communicator, sum_integers
+from pdfem_mpi.probes import Bar, Line, bar_results, displacement_at, measure_bar, measure_line
 from pdfem_mpi.results.history import History
+from pdfem_mpi.results.lines import write_line
 from pdfem_mpi.results.summary import write_summary
-from pdfem_mpi.scene import BarProbe, DisplacementProbe, Scene, SceneError
+from pdfem_mpi.scene import BarProbe, DisplacementProbe, LineProbe, Scene, SceneError
 from pdfem_mpi.solvers.convergence import NotConverged, Progress
 from pdfem_mpi.state import new_state
 from pdfem_mpi.stepping import Equilibrium, follow_load_program, make_solver
@@ -82,31 +85,30 @@ def on_root(comm, action: Callable[[], Any]) -> Any:
 
 
 def check_scene(scene: Scene, comm) -> dict[str, str]:
-    """What a run of the scene would allocate, by name; nothing large is allocated.
+    """What a run of the scene would allocate, by name; nothing large is allocated. Collective.
 
     Raises
     ------
     SceneError
+        Also when it would not fit into memory.
     """
+    check_mesh(scene, comm)
     discretization = discretize(scene)
-    counts = _counts(discretization, None)
-    neighbours = _expected_family(discretization)
-    bonds = counts["points"] * neighbours / 2
-    per_bond = 13.0 if scene.peridynamics.kinematics == "finite" else 7.5
+    need = check_model(scene, discretization, comm)
+    counts, quality = _counts(discretization, None), discretization.quality
+    bonds, total = sum_integers(comm, np.array([int(need.bonds), int(need.bytes)]))
     return {
         "cells": f"{len(discretization.mesh.cells)}",
         "nodes": f"{counts['nodes']}",
+        "edges of cells": f"{quality.shortest_edge:.4g} to {quality.longest_edge:.4g}",
+        "smallest scaled Jacobian": f"{quality.smallest_scaled_jacobian:.4g}",
+        "smallest Gauss volume": f"{quality.smallest_gauss_volume:.4g}",
         "elements": f"{counts['elements']}",
         "points": f"{counts['points']}",
-        "undirected bonds, at most about": f"{bonds:.3g}",
-        "memory for bonds, at most about": f"{bonds * per_bond / 2**20:.0f} MiB in all",
+        "undirected bonds, about": f"{bonds:.3g}",
+        "memory, about": f"{show_bytes(total)} in all, of the largest rank "
+        f"{show_bytes(float(largest(comm, np.array([need.bytes]))[0]))}",
     }
-
-
-def _expected_family(discretization: Discretization) -> float:
-    """Neighbours of a point inside a body of cells of the mean edge."""
-    edge = discretization.mesh.mean_edge / discretization.units.length
-    return 4.0 / 3.0 * np.pi * discretization.cutoff**3 * 8.0 / edge**3
 
 
 def run(scene: Scene, comm, out: Path, deck_text: str, overwrite: bool, reporter: Reporter) -> int:
@@ -150,6 +152,7 @@ class _Run:
         self.rows: list[Equilibrium] = []
         self.probes: dict[str, Any] = {}
         self.bar: Bar | None = None
+        self.lines: dict[str, Line] = {}
         self.started = perf_counter()
 
     def go(self) -> int:
@@ -160,15 +163,20 @@ class _Run:
         with _phase(self.seconds, "compile"):
             warm_up(comm)
         with _phase(self.seconds, "setup"):
+            check_mesh(scene, comm)
             discretization = discretize(scene)
+            check_model(scene, discretization, comm)
             model = build_model(scene, discretization, comm)
             case = make_load_case(scene, discretization, model)
             state = new_state(model)
             forces = Forces(model, state.bounds)
-            solve = make_solver(scene, discretization, forces, case)
+            solve = make_solver(scene, discretization, forces, case, self.reporter.line)
         on_root(comm, self._open_folder)
         counts = _counts(discretization, model)
         self.reporter.line(_headline(scene, comm, counts, self.seconds["setup"]))
+        for index, cut in enumerate(model.cut):
+            text = f"cuts {cut:,} bonds" if cut else "cuts no bond: it does not pass through peridynamic cells"
+            self.reporter.line(f"cracks.{index} {text}")
         writer = on_root(comm, lambda: self._open_results(discretization))
         code, reason, fields = EXIT_FINISHED, None, None
         n_steps = len(scene.stepping.load_factors)
@@ -184,7 +192,7 @@ class _Run:
                 fields = gather_fields(discretization, forces, state.u)
                 on_root(comm, lambda e=equilibrium, f=fields: writer(e, f, model))
                 output += perf_counter() - output_start
-        except NotConverged as error:
+        except (NotConverged, NotFinite) as error:
             code, reason = EXIT_NOT_CONVERGED, str(error)
         self.seconds["solve"] = perf_counter() - solve_start - output
         self.seconds["output"] = output
@@ -195,6 +203,7 @@ class _Run:
         if fields is not None:
             self._probe(discretization, fields)
         with _phase(self.seconds, "output"):
+            on_root(comm, self._write_lines)
             on_root(comm, self._draw)
         self.seconds["total"] = perf_counter() - self.started
         summary = None
@@ -221,7 +230,8 @@ class _Run:
         self.out.mkdir(parents=True, exist_ok=True)
         for name in ("summary.json", "history.csv", "points.vtkhdf", "elements.vtkhdf"):
             (self.out / name).unlink(missing_ok=True)
-        shutil.rmtree(self.out / "figures", ignore_errors=True)
+        for name in ("figures", "lines"):
+            shutil.rmtree(self.out / name, ignore_errors=True)
         (self.out / "deck.toml").write_text(self.deck_text)
 
     def _open_results(self, discretization: Discretization):
@@ -285,19 +295,46 @@ class _Run:
             elif isinstance(probe, BarProbe):
                 self.bar = measure_bar(self.scene, discretization, fields, probe, factor)
                 self.probes |= bar_results(self.scene, discretization, self.bar, probe, factor)
+            elif isinstance(probe, LineProbe):
+                self.lines[probe.name] = measure_line(discretization, fields, probe)
+
+    def _write_lines(self) -> None:
+        if self.lines:
+            (self.out / "lines").mkdir(exist_ok=True)
+        for name, line in self.lines.items():
+            inside = line.kind != ""
+            u = [values if known else None for values, known in zip(line.displacement, inside, strict=True)]
+            write_line(self.out / "lines" / f"{name}.csv", zip(line.distance, line.position, u, line.kind, strict=True))
 
     def _draw(self) -> None:
-        if self.bar is None or not self.scene.output.figures:
+        if not (self.bar or self.lines) or not self.scene.output.figures:
             return
         from pdfem_mpi.results import plots
 
+        (self.out / "figures").mkdir(exist_ok=True)
+        if self.bar:
+            self._draw_bar(plots)
+        for name, line in self.lines.items():
+            moving = np.flatnonzero(np.ptp(line.position, axis=0) > 0.0)
+            on_axis = len(moving) == 1
+            fixed = (f"{'xyz'[d]} = {line.position[0, d]:.6g}" for d in range(3) if d not in moving)
+            samples = plots.LineSamples(
+                line.position[:, moving[0]] if on_axis else line.distance,
+                line.displacement[:, :2],
+                line.kind,
+                "xyz"[moving[0]] if on_axis else "distance from its start",
+                f"line {name}" + (f": {', '.join(fixed)}" if on_axis else ""),
+            )
+            path = self.out / "figures" / f"line_{name}.png"
+            plots.displacement_along_line(path, samples, self.scene.title, self.scene.units.length)
+
+    def _draw_bar(self, plots) -> None:
         axis = next(probe.axis for probe in self.scene.probes if isinstance(probe, BarProbe))
         bar = self.bar
         kind = np.where(bar.has_points, "peridynamics", "finite elements")
         stations = plots.BarStations(
             bar.coordinate, bar.displacement, bar.exact, kind, bar.interface, bar.overlap, axis
         )
-        (self.out / "figures").mkdir(exist_ok=True)
         plots.axial_displacement(
             self.out / "figures" / "axial_displacement.png",
             stations,
@@ -318,6 +355,7 @@ class _Run:
             "deck_sha256": _sha256(self.deck_text),
             "fields_sha256": fields_sha256(fields) if fields else None,
             "ranks": self.comm.size,
+            "mesh": {"kind": self.scene.mesh.kind, **asdict(discretization.quality)},
             "counts": counts,
             "bonds_per_rank": loads,
             "solve": {
@@ -335,6 +373,7 @@ class _Run:
                 "kind": self.scene.peridynamics.surface_correction if discretization.cutoff else None,
                 "remaining": model.correction_remaining if discretization.cutoff else None,
             },
+            "bonds_cut_by_cracks": list(model.cut),
             "probes": self.probes,
             "seconds": self.seconds | {"evaluation_phases_rank_0": phases},
             "memory": {"peak_bytes_per_rank": memory},

@@ -12,10 +12,11 @@ import contextlib
 import difflib
 import itertools
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 Vector = tuple[float, float, float]
@@ -24,6 +25,7 @@ AXES = ("x", "y", "z")
 
 SPACING_TOLERANCE = 1e-6  # relative misfit of a side and a whole number of spacings: decks print 6 digits
 MAX_CELLS = 2**28  # 2**31 points: far above any machine this is for; catches a spacing typed in other units
+HOLE_CELLS = 2  # spacings that the radius of a hole, and its distance from an edge, must have: room to grade cells
 CUTOFF_RATIO = 2.5  # r_c / l of the paper (sec. 4.1, appendix B)
 PERIDYNAMIC_POISSONS_RATIO = 0.25  # central bond forces in an isotropic solid admit no other value
 
@@ -110,18 +112,10 @@ class Units(Table):
     force: str = key("")
 
 
-class BoxMesh(Table):
-    """Cubic cells filling a box; deck table ``[mesh]``.
+class _CubicCells(Table):
+    """A bounding box of cubic cells."""
 
-    Attributes
-    ----------
-    lower, upper : three floats, dimension length
-        Opposite corners. Every side is a whole number of spacings, within 1e-6 of its length.
-    spacing : float, > 0, dimension length
-        Edge of a cell (the paper's Delta).
-    """
-
-    kind: Literal["box"] = key("box")
+    kind: str = key("")
     lower: Vector = key(dimension="length", remedy="Give the corner, for example [-5.0, -0.2, -0.2].")
     upper: Vector = key(dimension="length", remedy="Give the corner, for example [5.0, 0.2, 0.2].")
     spacing: float = key(gt=0, dimension="length", remedy="Give the edge of a cell, for example 0.05.")
@@ -165,6 +159,72 @@ class BoxMesh(Table):
             round((upper - lower) / self.spacing) for lower, upper in zip(self.lower, self.upper, strict=True)
         )
         return nx, ny, nz
+
+
+class BoxMesh(_CubicCells):
+    """Cubic cells filling a box; deck table ``[mesh]`` with ``kind = "box"``, which may be left out.
+
+    Attributes
+    ----------
+    lower, upper : three floats, dimension length
+        Opposite corners. Every side is a whole number of spacings, within 1e-6 of its length.
+    spacing : float, > 0, dimension length
+        Edge of a cell (the paper's Delta).
+    """
+
+    kind: Literal["box"] = key("box")
+
+
+class PlateWithHoleMesh(_CubicCells):
+    """A plate with a circular hole along z at its centre (Fig. 13); ``[mesh]`` with ``kind = "plate_with_hole"``.
+
+    Attributes
+    ----------
+    lower, upper : three floats, dimension length
+        Opposite corners of the plate. Every side is a whole number of spacings, within 1e-6 of its length.
+    hole_radius : float, > 0, dimension length
+        At least 2 spacings; the hole keeps at least 2 spacings from the edges in x and y.
+    spacing : float, > 0, dimension length
+        Edge of a cell away from the hole. Cells at the hole have edges near it.
+    """
+
+    kind: Literal["plate_with_hole"] = key("plate_with_hole")
+    hole_radius: float = key(gt=0, dimension="length", remedy="Give the radius of the hole, for example 0.4.")
+
+    def problems(self) -> list[Problem]:
+        """Those of a box, and a hole that fits into it."""
+        return super().problems() or self._hole_problems()
+
+    def _hole_problems(self) -> list[Problem]:
+        radius, least = self.hole_radius, HOLE_CELLS * self.spacing
+        tolerance = SPACING_TOLERANCE * self.spacing
+        if radius < least - tolerance:
+            return [
+                Problem(
+                    "hole_radius",
+                    f"= {show(radius)} is below {HOLE_CELLS} * spacing = {least:.12g}: too few cells for a circle. "
+                    f"Use a spacing of at most {radius / HOLE_CELLS:.12g}, or a larger hole.",
+                )
+            ]
+        half = [0.5 * (self.upper[axis] - self.lower[axis]) for axis in (0, 1)]
+        axis = int(half[1] < half[0])
+        if radius > half[axis] - least + tolerance:
+            return [
+                Problem(
+                    "hole_radius",
+                    f"= {show(radius)} does not fit: it leaves {half[axis] - radius:.6g} between the hole and the "
+                    f"plate's edges in {AXES[axis]}, where {HOLE_CELLS} * spacing = {least:.12g} is needed. "
+                    "Use a smaller hole or spacing, or a larger plate.",
+                )
+            ]
+        return []
+
+
+def _box_by_default(value: Any) -> Any:
+    return {"kind": "box", **value} if isinstance(value, dict) else value
+
+
+Mesh = Annotated[BoxMesh | PlateWithHoleMesh, Field(discriminator="kind"), BeforeValidator(_box_by_default)]
 
 
 def _divides(side: float, spacing: float) -> bool:
@@ -251,7 +311,7 @@ class Peridynamics(Table):
     Attributes
     ----------
     internal_length : float or None, > 0, dimension length
-        ``l`` in ``exp(-(r0/l)^2)`` of eq. (2). None (default): the largest cell edge.
+        ``l`` in ``exp(-(r0/l)^2)`` of eq. (2). None (default): the mesh's spacing, as in the paper.
     cutoff_radius : float or None, dimension length
         ``r_c``; points with ``r0 <= r_c`` share a bond. None (default): 2.5 l, as in the paper.
     surface_correction : "none" or "appendix_a"
@@ -278,10 +338,60 @@ class Peridynamics(Table):
         ]
 
     def lengths(self, cell_edge: float) -> tuple[float, float]:
-        """Return (internal length, cutoff radius), defaults filled in from the largest cell edge."""
+        """Return (internal length, cutoff radius), defaults filled in from the cells' edge."""
         internal_length = cell_edge if self.internal_length is None else self.internal_length
         cutoff_radius = CUTOFF_RATIO * internal_length if self.cutoff_radius is None else self.cutoff_radius
         return internal_length, cutoff_radius
+
+
+class Crack(Table):
+    """An initial crack: bonds through a plane polygon are cut before the first load; ``[[cracks]]`` tables.
+
+    Attributes
+    ----------
+    polygon : three or more points, dimension length
+        Corners in order, in one plane; the polygon may stick out of the body.
+    """
+
+    polygon: tuple[Vector, ...] = key(
+        min_length=3,
+        dimension="length",
+        remedy="Give the corners in order, for example [[0.0, -0.1, -1.0], [1.0, -0.1, -1.0], [1.0, -0.1, 1.0]].",
+    )
+
+    def problems(self) -> list[Problem]:
+        """Corners that span a plane and lie in it."""
+        normal, size = polygon_normal(self.polygon)
+        if normal is None:
+            return [Problem("polygon", "has no area: its corners lie on a line. Give corners that span a plane.")]
+        height = max(
+            abs(math.fsum(n * (c - o) for n, c, o in zip(normal, corner, self.polygon[0], strict=True)))
+            for corner in self.polygon
+        )
+        if height > SPACING_TOLERANCE * size:
+            return [
+                Problem(
+                    "polygon",
+                    f"is not plane: a corner lies {height:.3g} off the plane of the others. Move it, or use triangles.",
+                )
+            ]
+        return []
+
+
+def polygon_normal(corners: Sequence[Vector]) -> tuple[Vector | None, float]:
+    """Unit normal of a plane polygon (None without area) by Newell's formula, and its size."""
+    size = max(math.dist(a, b) for a in corners for b in corners)
+    normal = [
+        math.fsum(
+            (a[j] - b[j]) * (a[k] + b[k] - 2.0 * corners[0][k])
+            for a, b in zip(corners, (*corners[1:], corners[0]), strict=True)
+        )
+        for j, k in ((1, 2), (2, 0), (0, 1))
+    ]
+    length = math.hypot(*normal)
+    if not length > 1e-12 * size**2:
+        return None, size
+    return (normal[0] / length, normal[1] / length, normal[2] / length), size
 
 
 class Coupling(Table):
@@ -486,7 +596,38 @@ class BarProbe(Table):
         return [Problem("stress", "= 0.0 gives no elongation to compare with. Give force over area.")]
 
 
-Probe = Annotated[DisplacementProbe | BarProbe, Field(discriminator="kind")]
+class LineProbe(Table):
+    """Displacements along a straight line; a ``[[probes]]`` table with ``kind = "line"``.
+
+    Attributes
+    ----------
+    name : str
+        Of ``lines/NAME.csv`` and ``figures/line_NAME.png``; letters, digits, ``-`` and ``_``.
+    start, stop : three floats, dimension length
+        Ends of the line. Samples outside of the body are left empty.
+    n : int, 2 to 100,000
+        Samples, equally spaced, both ends included.
+    """
+
+    kind: Literal["line"]
+    name: str = key(min_length=1, remedy="Give the probe a name; its file is called by it.")
+    start: Vector = key(dimension="length", remedy="Give the first point, for example [-4.5, -1.5, 0.0].")
+    stop: Vector = key(dimension="length", remedy="Give the last point, for example [4.5, -1.5, 0.0].")
+    n: int = key(101, ge=2, le=100_000)
+
+    def problems(self) -> list[Problem]:
+        """A name that a file can have, and two different ends."""
+        problems = []
+        if not re.fullmatch(r"[A-Za-z0-9_-]+", self.name):
+            problems.append(
+                Problem("name", f"= {show(self.name)} names a file. Use letters, digits, - and _ only.")
+            )
+        if self.start == self.stop:
+            problems.append(Problem("stop", f"= {show(self.stop)} is the start as well. Give another end."))
+        return problems
+
+
+Probe = Annotated[DisplacementProbe | BarProbe | LineProbe, Field(discriminator="kind")]
 
 
 class Output(Table):
@@ -508,12 +649,13 @@ class Scene(Table):
 
     title: str = key("")
     units: Units = Field(default_factory=Units)
-    mesh: BoxMesh = key(remedy="Add a table [mesh] with lower, upper and spacing.")
+    mesh: Mesh = key(remedy="Add a table [mesh] with lower, upper and spacing.")
     material: Material = key(remedy="Add a table [material] with youngs_modulus.")
     regions: tuple[Region, ...] = key(
         min_length=1, remedy="Add at least one table [[regions]] with name and model."
     )
     peridynamics: Peridynamics = Field(default_factory=Peridynamics)
+    cracks: tuple[Crack, ...] = key(())
     coupling: Coupling = Field(default_factory=Coupling)
     loads: tuple[Load, ...] = key(())
     supports: tuple[Support, ...] = key(())
@@ -542,6 +684,12 @@ class Scene(Table):
         return self.has_peridynamics and self.has_finite_elements
 
 
+def _check_cracks(cracks: Sequence[Crack], regions: Sequence[Region]) -> list[Problem]:
+    if not cracks or _has_model(regions, "peridynamics"):
+        return []
+    return [Problem("cracks", "cut bonds, and no region has any. Describe the region of the crack by peridynamics.")]
+
+
 def _has_model(regions: Sequence[Region], model: str) -> bool:
     models = [getattr(region, "model", None) for region in regions]
     if model not in models and (None in models or not models):
@@ -562,7 +710,7 @@ def _check_poissons_ratio(material: Material, regions: Sequence[Region]) -> list
     ]
 
 
-def _check_cutoff(mesh: BoxMesh, peridynamics: Peridynamics, regions: Sequence[Region]) -> list[Problem]:
+def _check_cutoff(mesh: Mesh, peridynamics: Peridynamics, regions: Sequence[Region]) -> list[Problem]:
     """A point must reach the next cell, or bodies fall apart."""
     if not _has_model(regions, "peridynamics"):
         return []
@@ -660,6 +808,7 @@ def _check_tractions(regions: Sequence[Region], loads: Sequence[Any]) -> list[Pr
 CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("material", "regions"), _check_poissons_ratio),
     (("mesh", "peridynamics", "regions"), _check_cutoff),
+    (("cracks", "regions"), _check_cracks),
     (("regions",), _check_region_names),
     (("probes",), _check_probe_names),
     (("regions", "loads"), _check_references),

@@ -14,7 +14,7 @@ from pdfem_mpi.forces import Forces
 from pdfem_mpi.loading import LoadCase, exact_dots, remove_rigid_motion, rigid_modes
 from pdfem_mpi.scene import Scene
 from pdfem_mpi.solvers import adr, cg
-from pdfem_mpi.solvers.convergence import Convergence, Progress
+from pdfem_mpi.solvers.convergence import Breakdown, Convergence, Progress
 from pdfem_mpi.solvers.multilevel import make_preconditioner
 from pdfem_mpi.state import State
 
@@ -45,16 +45,33 @@ class Equilibrium:
     seconds: float
 
 
-def make_solver(scene: Scene, discretization: Discretization, forces: Forces, case: LoadCase) -> Callable:
-    """The scene's solver as ``solve(state, external, watch) -> Convergence``. Collective."""
+def make_solver(
+    scene: Scene, discretization: Discretization, forces: Forces, case: LoadCase, note: Callable[[str], None]
+) -> Callable:
+    """The scene's solver as ``solve(state, external, watch) -> Convergence``. Collective.
+
+    Where conjugate gradients break down, relaxation goes on from there, and ``note`` is told.
+    """
     settings = scene.solver
     common = (case.fixed, settings.tolerance, settings.max_evaluations)
-    if settings.kind == "cg":
-        preconditioner = make_preconditioner(discretization, forces.model, case)
-        return lambda state, external, watch: cg.solve(
-            forces, state, external, *common, preconditioner, watch
-        )
-    return lambda state, external, watch: adr.solve(forces, state, external, *common, watch)
+
+    def relax(state, external, watch):
+        state.iteration = 0
+        state.fields["v"][:] = 0.0
+        return adr.solve(forces, state, external, *common, watch)
+
+    if settings.kind == "adr":
+        return relax
+    preconditioner = make_preconditioner(discretization, forces.model, case)
+
+    def solve(state, external, watch):
+        try:
+            return cg.solve(forces, state, external, *common, preconditioner, watch)
+        except Breakdown as error:
+            note(f"conjugate gradients broke down: {error} Going on with adaptive dynamic relaxation.")
+            return relax(state, external, watch)
+
+    return solve
 
 
 def follow_load_program(
@@ -69,15 +86,13 @@ def follow_load_program(
 
     Raises
     ------
-    NotConverged
+    NotConverged, NotFinite
         From the solver.
     """
     for step, factor in enumerate(scene.stepping.load_factors[state.step :], start=state.step + 1):
         start = perf_counter()
         external = factor * case.external
         state.u[case.fixed] = factor * case.prescribed[case.fixed]
-        state.iteration = 0
-        state.fields["v"][:] = 0.0
         convergence = solve(state, external, partial(watch, step))
         remove_rigid_motion(forces.model, case, state.u)
         state.step, state.load_factor = step, factor
@@ -92,7 +107,8 @@ def _balance(forces: Forces, state: State, case: LoadCase):
     model = forces.model
     internal = np.empty_like(state.u)
     forces.evaluate_surely(state.u, np.zeros_like(state.u), internal)
-    modes = rigid_modes(model)
+    finite = model.bonds is not None and model.bonds.finite
+    modes = rigid_modes(model, state.u if finite else None)
     reactions = np.where(case.fixed, internal, 0.0)
     pairs = [(-reactions, mode) for mode in modes[:3]]
     pairs += [(internal, mode) for mode in modes]

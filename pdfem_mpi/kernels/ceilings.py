@@ -139,7 +139,7 @@ def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table
             e_next = fma(dx, hx, fma(dy, hy, dz * hz)) * load(row_data, o_next + _V1)
             hx, hy, hz = hx + dx, hy + dy, hz + dz
             top, floor = largest(e, top), smallest(e, floor)
-            f = load(row_data, o) * _series(e, table)
+            f = _series(load(row_data, o), e, table)
             fx, fy, fz = fma(f, gx, fx), fma(f, gy, fy), fma(f, gz, fz)
             store(S, b + _V6, fnma(f, gx, load(S, b + _V6)))
             store(S, b + _V7, fnma(f, gy, load(S, b + _V7)))

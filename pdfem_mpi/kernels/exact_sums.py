@@ -4,7 +4,7 @@ A sum is kept as ``SIZE`` signed 64-bit integers, digits of weight ``2**(48 k)``
 from the top down by adding and subtracting ``M_k = 1.5 * 2**52 * 2**(48 k)``, which is exact, and the digits are
 added as integers, which is exact in any order. Two sums are added digit by digit, so one integer reduction
 joins the ranks, and `value` rounds the total once. Terms below ``2**-960`` are dropped (each by itself, so still in any
-order); the last digit counts terms that are not finite.
+order); the last digit counts blocks with terms that are not finite, or above ``2**1011``.
 
 Blocks of terms of similar size need two or three passes, about 1 ns a term.
 
@@ -42,13 +42,15 @@ NOT_FINITE = (
 )  #: place of the count of terms that are not finite (the place before takes carries)
 SIZE = NOT_FINITE + 1
 BLOCK = 512  #: terms cut together
+BLOCKS = 2**14  #: blocks after which digits are carried, so that they cannot overflow
+LARGEST = 2.0**1011  #: terms from here on count as not finite
 
 _PATTERNS = np.array([PATTERN * 2.0 ** (BITS * k) for k in range(LOWEST, HIGHEST + 1)])
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 def add_terms(terms, n, digits):
-    """Add the first ``n <= BLOCK`` terms to a sum.
+    """Add the first ``n <= BLOCK`` terms to a sum; `carry` after at most ``BLOCKS`` calls.
 
     Parameters
     ----------
@@ -67,10 +69,10 @@ def add_terms(terms, n, digits):
         x = load(terms, k)
         top = largest(magnitude(x), top)
         bad = fma(x, splat(0.0), bad)
-    if hsum(bad) != 0.0:
+    size = hmax(top)
+    if hsum(bad) != 0.0 or size > LARGEST:
         digits[NOT_FINITE] += 1
         return
-    size = hmax(top)
     place = HIGHEST - LOWEST
     while place > 0 and size < 2.0 ** (BITS * (place + LOWEST)) * 0.5:
         place -= 1
@@ -109,6 +111,8 @@ def add_products(x, y, digits):
         for k in range(m):
             terms[k] = x[start + k] * y[start + k]
         add_terms(terms, m, digits)
+        if start // BLOCK % BLOCKS == BLOCKS - 1:
+            carry(digits)
     carry(digits)
 
 

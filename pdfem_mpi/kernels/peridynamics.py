@@ -79,18 +79,18 @@ def constants(critical_e, pattern):
 
 
 @njit(inline="always")
-def _series(e, table):
-    """``phi(e)`` by its series."""
+def _series(k, e, table):
+    """``K phi(e)`` by its series; ``K e`` is formed while the series is summed."""
     e2 = e * e
     high = fma(e2, load(table, _V4), fma(load(table, _V3), e, load(table, _V2)))
-    return e * fma(e2, high, fma(load(table, _V1), e, load(table, _0)))
+    return (k * e) * fma(e2, high, fma(load(table, _V1), e, load(table, _0)))
 
 
 @njit(inline="always")
-def _closed(e, table):
-    """``phi(e)`` in closed form, for large stretch and compression."""
+def _closed(k, e, table):
+    """``K phi(e)`` in closed form, for large stretch and compression."""
     square = largest(load(table, _V7) + e, load(table, _V8))
-    return (square - load(table, _V7)) / (square + root(square))
+    return k * ((square - load(table, _V7)) / (square + root(square)))
 
 
 def _finite_sweep(closed, failing):
@@ -173,7 +173,8 @@ def _finite_sweep(closed, failing):
                 hz = hz + dz
                 top = largest(e, top)
                 floor = smallest(e, floor)
-                f = load(row_data, o) * (_closed(e, table) if closed else _series(e, table))
+                k = load(row_data, o)
+                f = _closed(k, e, table) if closed else _series(k, e, table)
                 M = load(table, _V6)
                 px = fma(f, gx, M)
                 py = fma(f, gy, M)
@@ -208,7 +209,8 @@ def _finite_sweep(closed, failing):
                         top = largest(e, top)
                         continue
                     M = load(table, _V6)
-                    f = both(load(row_data, o) * (_closed(e, table) if closed else _series(e, table)), broken)
+                    k = load(row_data, o)
+                    f = both(_closed(k, e, table) if closed else _series(k, e, table), broken)
                     px = isub(fma(f, gx + dx, M), M)
                     py = isub(fma(f, gy + dy, M), M)
                     pz = isub(fma(f, gz + dz, M), M)

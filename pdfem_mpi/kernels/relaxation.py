@@ -7,7 +7,7 @@ of the float64 terms on any number of ranks.
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.exact_sums import BLOCK, add_terms
+from pdfem_mpi.kernels.exact_sums import BLOCK, BLOCKS, add_terms, carry
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
@@ -15,8 +15,8 @@ def add_damping_sums(u, v, force, previous_force, inverse_mass, external, sums):
     """Add this rank's terms of the five global sums of an iteration.
 
     ``U^T K U`` with the local stiffness (32) ``K_ii = -(F_i^n - F_i^(n-1)) / (m_i v_i)``, 0 where ``v_i = 0`` or the
-    ratio is not finite; ``U^T U``; the square of the residual force over the unknowns that are free to move
-    (``1 / m_i > 0``); that of the external force; and that of the reactions, the force on the others.
+    ratio is not finite; ``U^T U``; the square of the residual force; that of the external force; and that of the
+    reactions. The first three run over the unknowns that are free to move (``1 / m_i > 0``), the last over the others.
 
     Parameters
     ----------
@@ -38,9 +38,9 @@ def add_damping_sums(u, v, force, previous_force, inverse_mass, external, sums):
             change = -(force[i] - previous_force[i]) * inverse_mass[i]
             ratio = change / v[i] if v[i] != 0.0 else 0.0
             ratio = ratio if abs(ratio) < np.inf else 0.0
-            square[k] = u[i] * u[i]
-            stiffness[k] = square[k] * ratio
             free = inverse_mass[i] > 0.0
+            square[k] = u[i] * u[i] if free else 0.0
+            stiffness[k] = square[k] * ratio
             residual[k] = force[i] * force[i] if free else 0.0
             load[k] = external[i] * external[i]
             reaction[k] = 0.0 if free else force[i] * force[i]
@@ -49,6 +49,11 @@ def add_damping_sums(u, v, force, previous_force, inverse_mass, external, sums):
         add_terms(residual, m, sums[2])
         add_terms(load, m, sums[3])
         add_terms(reaction, m, sums[4])
+        if start // BLOCK % BLOCKS == BLOCKS - 1:
+            for row in sums:
+                carry(row)
+    for row in sums:
+        carry(row)
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")

@@ -4,6 +4,7 @@ import numba
 
 from pdfem_mpi.kernels import (
     ceilings,
+    cracks,
     exact_sums,
     families,
     finite_elements,
@@ -15,6 +16,7 @@ from pdfem_mpi.kernels import (
 )
 
 MODULES = (
+    cracks,
     ceilings,
     exact_sums,
     families,

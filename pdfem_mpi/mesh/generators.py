@@ -1,8 +1,24 @@
 """Structured meshes."""
 
+import math
+
 import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
 
 from pdfem_mpi.mesh.hexmesh import HexMesh
+
+#: Edges of the square left out around a hole, per radius over spacing. The circle has as many edges as the square:
+#: 4 * 1.75 for a circumference of 2 pi, so they are 0.9 of the spacing.
+SQUARE_RATIO = 1.75
+#: Rings of cells between that square and the circle, per radius over spacing; at least one.
+RING_RATIO = 1 / 8
+#: The same, per width of the ligament beside the hole over spacing: narrow ligaments have one ring.
+RINGS_PER_LIGAMENT = 1 / 4
+#: Reach of the graded cells around the hole's centre, in radii, and from its edge, in spacings; the larger one.
+GRADED_RADII, GRADED_CELLS = 2.0, 5.0
+#: Smoothing turns, each moving every node half-way, and the power of an edge's length that is its weight in a turn.
+TURNS, WEIGHT_POWER = 8, 1.0
 
 
 def box(lower, upper, n_cells) -> HexMesh:
@@ -26,3 +42,128 @@ def box(lower, upper, n_cells) -> HexMesh:
     corner = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
     cells = np.stack([((k + c) * (ny + 1) + (j + b)) * (nx + 1) + (i + a) for a, b, c in corner], axis=1)
     return HexMesh(nodes, cells.astype(np.int32))
+
+
+def plate_with_hole(lower, upper, hole_radius, spacing) -> HexMesh:
+    """A plate with a circular hole through its thickness (z) at its centre (Fig. 13).
+
+    Far from the hole cells are cubes of the regular grid of `box`. A square of that grid is left out at the hole, and
+    rings of cells fill the space between its edge and the circle. Nodes of the rings and of the grid up to
+    ``GRADED_RADII`` radii from the centre are then moved to where edges are short: they lie between about 0.6 and 1.5
+    spacings where the plate has room, and all interfaces conform. Mirror images in x and y have the same bits about
+    a centre at 0.
+
+    Parameters
+    ----------
+    lower, upper : three floats, dimension length
+        Opposite corners; every side is a whole number of spacings.
+    hole_radius : float, dimension length
+        At least 2 spacings, and at least 2 spacings away from the edges of the plate.
+    spacing : float, dimension length
+    """
+    lower, upper = np.asarray(lower, float), np.asarray(upper, float)
+    n_cells = np.rint((upper - lower) / spacing).astype(np.int64)
+    place, quads, square = _plane_cells(n_cells[:2], hole_radius / spacing)
+    pitch = (upper - lower)[:2] / n_cells[:2]
+    offset = _smooth(place, quads, square, n_cells[:2], pitch, hole_radius)
+    centre = 0.5 * (lower + upper)
+    plane = centre[:2] + offset
+    for d in range(2):
+        plane[2 * place[:, 1 + d] == -2 * n_cells[d], d] = lower[d]
+        plane[2 * place[:, 1 + d] == 2 * n_cells[d], d] = upper[d]
+
+    t = np.arange(n_cells[2] + 1) / n_cells[2]
+    z = lower[2] * (1.0 - t) + upper[2] * t
+    nodes = np.column_stack([np.tile(plane, (len(z), 1)), np.repeat(z, len(plane))])
+    layers = len(plane) * np.arange(n_cells[2])[:, None, None]
+    cells = np.concatenate([quads + layers, quads + layers + len(plane)], axis=2).reshape(-1, 8)
+    return HexMesh(nodes, cells.astype(np.int32))
+
+
+def _plane_cells(n_cells, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Topology of the plate's plane: the grid without a square, and rings inside the square.
+
+    Parameters
+    ----------
+    n_cells : int64, shape (2,)
+    radius : float
+        Of the hole, in spacings.
+
+    Returns
+    -------
+    place : int64, shape (n, 3)
+        Ring of each node (0: on the grid) and twice its distances from the centre, in cells; for a node of a ring those
+        of the node on the square's edge that it belongs to.
+    quads : int64, shape (n_quads, 4)
+        Nodes of each cell, counter-clockwise; the cells of the grid with x fastest, then ring by ring.
+    square : int64, shape (2,)
+        Edges of the square along x and y.
+    """
+    square = n_cells - 2 * np.ceil((n_cells - SQUARE_RATIO * radius - 1) / 2).astype(np.int64)
+    square = np.clip(square, 2 + n_cells % 2, n_cells - 2)
+    ligament = 0.5 * n_cells.min() - radius
+    rings = max(1, round(min(RING_RATIO * radius, RINGS_PER_LIGAMENT * ligament)))
+    columns, rows = n_cells + 1
+    b, a = np.meshgrid(*(2 * np.arange(n + 1) - n for n in n_cells[::-1]), indexing="ij")
+    inside = (np.abs(a) < square[0]) & (np.abs(b) < square[1])
+    number = np.where(inside, -1, np.cumsum(~inside.reshape(-1)).reshape(rows, columns) - 1)
+    grid = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)
+    left_out = (np.abs(a[:-1, :-1] + 1) < square[0]) & (np.abs(b[:-1, :-1] + 1) < square[1])
+    grid = grid[~left_out.reshape(-1)]
+
+    i, j = (n_cells - square) // 2
+    m, n = square
+    edge = np.concatenate(
+        [
+            number[j : j + n, i + m],
+            number[j + n, i + m : i : -1],
+            number[j + n : j : -1, i],
+            number[j, i : i + m],
+        ]
+    )
+    loops = number.max() + 1 + np.arange(rings * len(edge)).reshape(rings, len(edge))
+    outer, inner = np.concatenate([edge[None], loops[:-1]]), loops
+    ring = np.stack([inner, outer, np.roll(outer, -1, axis=1), np.roll(inner, -1, axis=1)], axis=-1)
+    on_grid = np.column_stack([np.zeros(np.count_nonzero(~inside), np.int64), a[~inside], b[~inside]])
+    on_rings = np.tile(on_grid[edge], (rings, 1))
+    on_rings[:, 0] = np.repeat(np.arange(1, rings + 1), len(edge))
+    return np.concatenate([on_grid, on_rings]), np.concatenate([grid, ring.reshape(-1, 4)]), square
+
+
+def _smooth(place, quads, square, n_cells, pitch, hole_radius: float) -> np.ndarray:
+    """Positions of the plane's nodes from the centre, shape (n, 2), dimension length.
+
+    The free nodes minimise the sum of the squares, and from there nearly that of the cubes, of all edge lengths.
+    """
+    n_edges = 2 * int(square.sum())
+    offset = 0.5 * place[:, 1:] * pitch
+    circle = slice(len(place) - n_edges, len(place))
+    angle = 2.0 * math.pi / n_edges * (np.arange(n_edges) - 0.5 * square[1])
+    offset[circle] = hole_radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    radius = hole_radius / pitch
+    reach = 2 * np.rint(np.maximum(GRADED_RADII * radius, radius + GRADED_CELLS)).astype(np.int64)
+    reach = np.minimum(reach, n_cells)
+    free = (np.abs(place[:, 1:]) < np.maximum(reach, square + 2)).all(axis=1)
+    free[circle] = False
+
+    edges = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
+    edges = np.unique(np.sort(edges[free[edges].any(axis=1)], axis=1), axis=0)
+    for turn in range(TURNS + 1):
+        length = np.hypot(*(offset[edges[:, 0]] - offset[edges[:, 1]]).T)
+        weight = length**WEIGHT_POWER if turn else np.ones(len(edges))
+        pull = sparse.coo_matrix((weight, tuple(edges.T)), shape=(len(place),) * 2)
+        pull = (pull + pull.T).tocsr()[free]
+        stiffness = sparse.diags_array(np.asarray(pull.sum(axis=1)).reshape(-1)) - pull[:, free]
+        best = splu(stiffness.tocsc()).solve(pull[:, ~free] @ offset[~free])
+        offset[free] = 0.5 * (offset[free] + best) if turn else best
+    return _mirrored(place, offset)
+
+
+def _mirrored(place, offset) -> np.ndarray:
+    """Positions with the bits of those in the first quadrant, and exactly 0 on the axes."""
+    width = 2 * int(np.abs(place).max()) + 1
+    first = np.abs(place)
+    code = [(p[:, 0] * width + p[:, 1]) * width + p[:, 2] for p in (first, place)]
+    order = np.argsort(code[1], kind="stable")
+    quadrant = order[np.searchsorted(code[1][order], code[0])]
+    return np.sign(place[:, 1:]) * np.abs(offset[quadrant])

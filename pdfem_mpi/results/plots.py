@@ -125,6 +125,79 @@ def axial_displacement(path: str | Path, stations: BarStations, title: str = "",
         figure.savefig(temporary, format="png")
 
 
+@dataclass(frozen=True)
+class LineSamples:
+    """Displacements along a line through the body.
+
+    Attributes
+    ----------
+    coordinate : float, shape (n,), dimension length
+        Places along the line.
+    displacement : float, shape (n, 2), dimension length
+        Components u_x and u_y; NaN outside of the body.
+    kind : str, shape (n,)
+        "finite elements", "peridynamics", or "" outside of the body.
+    along : str
+        What the coordinate is, for the axis: "x", "y" or "z", or words.
+    where : str
+        Where the line is, under the title.
+    """
+
+    coordinate: np.ndarray
+    displacement: np.ndarray
+    kind: np.ndarray
+    along: str
+    where: str
+
+
+def displacement_along_line(path: str | Path, samples: LineSamples, title: str = "", units: str = "") -> None:
+    """Draw u_x and u_y along a line, finite elements and peridynamics told apart (Fig. 15), as a PNG.
+
+    Parameters
+    ----------
+    path : str or Path
+        The PNG file; an older one is replaced.
+    samples : LineSamples
+    title : str
+        What was computed, above the figure.
+    units : str
+        The deck's unit of length, a label only; "" if the deck names none.
+    """
+    unit = f" ({units})" if units else " (length units)"
+    marker_size = float(np.clip(500.0 / len(samples.coordinate), *MARKER_SIZES))
+    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+        figure = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained")
+        panels = figure.subplots(2, 1, sharex=True)
+        for component, (panel, name) in enumerate(zip(panels, "xy", strict=True)):
+            values = np.asarray(samples.displacement)[:, component]
+            panel.plot(samples.coordinate, values, color="#555555", linewidth=0.8, zorder=1)
+            for part, style in PARTS.items():
+                of_part = np.asarray(samples.kind) == part
+                if of_part.any():
+                    panel.plot(
+                        np.asarray(samples.coordinate)[of_part],
+                        values[of_part],
+                        linestyle="none",
+                        markersize=marker_size,
+                        label=part,
+                        **style,
+                    )
+            panel.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+            panel.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)
+            panel.set_ylabel(f"displacement $u_{name}${unit}")
+        along = f"${samples.along}$" if len(samples.along) == 1 else samples.along
+        panels[-1].set_xlabel(f"position on the line, {along}{unit}")
+        figure.legend(
+            handles=panels[0].get_legend_handles_labels()[0],
+            loc="outside lower center",
+            markerscale=MARKER_SIZES[1] / marker_size,
+            **LEGEND,
+        )
+        figure.align_ylabels()
+        figure.suptitle("\n".join(filter(None, (title, samples.where))))
+        figure.savefig(temporary, format="png")
+
+
 def _draw_parts(panel: Axes, stations: BarStations, values: np.ndarray, marker_size: float) -> None:
     """Draw one marker for each station, in the way of its part."""
     for part, style in PARTS.items():

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pdfem_mpi.forces import Forces
-from pdfem_mpi.kernels.exact_sums import SIZE, carry, value
+from pdfem_mpi.forces import Forces, NotFinite
+from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.solvers.convergence import Convergence, NotConverged, Progress
@@ -62,7 +62,7 @@ def solve(
 
     Raises
     ------
-    NotConverged
+    NotConverged, NotFinite
         On all ranks alike.
     """
     u, v, previous_force = (state.fields[name] for name in ("u", "v", "previous_force"))
@@ -75,15 +75,13 @@ def solve(
         forces.evaluate(u, external, force)
         sums = np.zeros((N_SUMS, SIZE), np.int64)
         add_damping_sums(u, v, force, previous_force, inverse_mass, external, sums)
-        for row in sums:
-            carry(row)
         joined = sum_integers(forces.model.comm, np.concatenate([sums.reshape(-1), forces.flags()]))
         used = forces.evaluations - before
         if not forces.check_bounds(joined[-3:]):
             continue
         work, square, residual, load, reaction = (value(row) for row in joined[:-3].reshape(N_SUMS, SIZE))
         if math.isnan(square) or math.isnan(residual):
-            raise NotConverged(forces.describe_not_finite(u))
+            raise NotFinite(forces.describe_not_finite(u, force))
         reference = math.sqrt(max(load, reaction))
         relative = math.sqrt(residual) / reference if reference > 0.0 else math.sqrt(residual)
         damping = damping_coefficient(work, square)

@@ -17,11 +17,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pdfem_mpi.forces import Forces
+from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
 from pdfem_mpi.loading import exact_dots
 from pdfem_mpi.parallel.comm import largest, sum_integers
-from pdfem_mpi.solvers.convergence import Convergence, NotConverged, Progress
+from pdfem_mpi.solvers.convergence import Breakdown, Convergence, NotConverged, Progress
 from pdfem_mpi.solvers.multilevel import Preconditioner
 from pdfem_mpi.state import State
 
@@ -31,6 +31,8 @@ SAFETY = 0.9
 NEWTON_REDUCTION = 1e-3
 #: The true residual must at least halve from one solve to the next.
 STAGNATION = 0.5
+#: Below this relative residual an indefinite direction is round-off.
+ROUND_OFF = 1e-10
 #: Room for the residual's growth between two reductions, in the quanta of the restriction.
 GROWTH = 2.0**10
 
@@ -51,19 +53,20 @@ def solve(
 
     Raises
     ------
+    Breakdown
+        On all ranks alike: an indefinite tangent or preconditioner, or a Newton step that leads away. The state is
+        left at the best displacements found.
     NotConverged
-        On all ranks alike: an indefinite tangent or preconditioner, a residual that stagnates, a displacement that is
-        not finite, or too many evaluations.
+        On all ranks alike: a residual that stagnates, or too many evaluations.
+    NotFinite
+        On all ranks alike.
     """
     u, comm = state.u, forces.model.comm
     finite = bool(forces.model.bonds and forces.model.bonds.finite)
-    tangent = Forces(forces.model, tangent=True) if finite else forces
+    tangent = Forces(forces.model, tangent=True, seconds=forces.seconds) if finite else forces
     residual, step = np.empty_like(u), np.empty_like(u)
     start = forces.evaluations
     relative = math.inf
-
-    def used():
-        return forces.evaluations - start + (tangent.evaluations if finite else 0)
 
     at_rest = float(largest(comm, np.array([np.abs(u).max(initial=0.0)]))[0]) == 0.0
     while True:
@@ -75,14 +78,20 @@ def solve(
         residual[fixed] = 0.0
         square, load, held = exact_dots(comm, [(a, a) for a in (residual, external, reaction)])
         if not math.isfinite(square):
-            raise NotConverged(forces.describe_not_finite(u))
+            raise NotFinite(forces.describe_not_finite(u, residual))
         reference = math.sqrt(max(load, held)) or 1.0
         before, relative = relative, math.sqrt(square) / reference
         watch(Progress(state.iteration, relative, 0.0))
         if relative <= tolerance and not at_rest:
-            return Convergence(used(), relative)
+            return Convergence(forces.evaluations - start, relative)
         if at_rest and square == 0.0:
-            return Convergence(used(), 0.0)
+            return Convergence(forces.evaluations - start, 0.0)
+        if finite and relative > before:
+            u -= step
+            raise Breakdown(
+                f"a Newton step raised the relative residual from {before:.3g} to {relative:.3g}: the load is too "
+                "large for one step, or the body is unstable."
+            )
         if relative > STAGNATION * before:
             raise NotConverged(
                 f"conjugate gradients stagnate at a relative residual of {relative:.3g}, above solver.tolerance = "
@@ -93,9 +102,13 @@ def solve(
             tangent.linearise(u)
             goal = max(goal, NEWTON_REDUCTION * math.sqrt(square))
         _solve_linear(
-            tangent, residual, fixed, goal, max_evaluations - used(), preconditioner, step,
+            tangent, residual, fixed, goal, max_evaluations - (forces.evaluations - start), preconditioner, step,
+            ROUND_OFF * reference,
             lambda norm: _told(watch, state, norm / reference),  # noqa: B023 - called within this turn of the loop
         )  # fmt: skip
+        if finite:
+            forces.evaluations += tangent.evaluations
+            tangent.evaluations = 0
         u += step
         at_rest = False
 
@@ -105,8 +118,11 @@ def _told(watch, state: State, relative: float) -> None:
     watch(Progress(state.iteration, relative, 0.0))
 
 
-def _solve_linear(tangent, r, fixed, goal, max_evaluations, preconditioner, x, told) -> None:
-    """``K x = r`` until the recursive residual's norm is at most ``goal``; ``r`` is overwritten. Collective."""
+def _solve_linear(tangent, r, fixed, goal, max_evaluations, preconditioner, x, round_off, told) -> None:
+    """``K x = r`` until the recursive residual's norm is at most ``goal``; ``r`` is overwritten. Collective.
+
+    An indefinite direction met below ``round_off`` ends the solve quietly: the true residual decides.
+    """
     nothing = np.zeros_like(r)
     z, w, p, s = (np.zeros_like(r) for _ in range(4))
     x[:] = 0.0
@@ -118,7 +134,7 @@ def _solve_linear(tangent, r, fixed, goal, max_evaluations, preconditioner, x, t
         gamma, delta, square = _sweep(tangent, z, nothing, r, w, fixed)
         norm = math.sqrt(square)
         if math.isnan(delta) or math.isnan(norm):
-            raise NotConverged(tangent.describe_not_finite(z))
+            raise NotFinite(tangent.describe_not_finite(z, w))
         told(norm)
         if norm <= goal:
             return
@@ -130,10 +146,10 @@ def _solve_linear(tangent, r, fixed, goal, max_evaluations, preconditioner, x, t
         beta = gamma / gamma_old if alpha else 0.0
         curvature = delta - beta * gamma / alpha if alpha else delta
         if gamma <= 0.0 or curvature <= 0.0:
+            if norm <= round_off:
+                return
             what = "preconditioner" if gamma <= 0.0 else "stiffness"
-            raise NotConverged(
-                f"the {what} is not positive definite along a search direction: the body is unstable."
-            )
+            raise Breakdown(f"the {what} is not positive definite along a search direction: the body is unstable.")
         alpha, gamma_old = gamma / curvature, gamma
         p *= beta
         p += z

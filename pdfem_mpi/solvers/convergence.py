@@ -33,3 +33,7 @@ class Progress:
 
 class NotConverged(Exception):
     """No equilibrium: diverged, or the allowed evaluations are used up. Raised on all ranks alike."""
+
+
+class Breakdown(NotConverged):
+    """A method cannot go on, where a slower one still may. Raised on all ranks alike."""

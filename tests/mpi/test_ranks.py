@@ -83,7 +83,7 @@ def few_iterations(body):
 def equilibrium(body):
     """Take a body through its load program and return all that must not depend on ranks. Collective."""
     seen = []
-    solver = make_solver(body.scene, body.discretization, body.forces, body.case)
+    solver = make_solver(body.scene, body.discretization, body.forces, body.case, seen.append)
     watch = lambda step, progress: seen.append(progress)  # noqa: E731
     for found in follow_load_program(body.scene, solver, body.forces, body.state, body.case, watch):
         seen += [found.convergence, found.reaction.tolist(), (found.force_balance, found.moment_balance)]
@@ -184,7 +184,10 @@ OWNERS = {
 
 @pytest.mark.parametrize(
     "name",
-    ["coupled, finite, appendix_a", *(pytest.param(n, marks=pytest.mark.slow) for n in ("supports", "coupled, reading A"))],
+    [
+        "coupled, finite, appendix_a",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("supports", "coupled, reading A")),
+    ],
 )
 @pytest.mark.parametrize("owners", OWNERS)
 def test_iterations_do_not_depend_on_who_owns_what(comm, monkeypatch, owners, name):

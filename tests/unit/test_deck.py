@@ -77,11 +77,14 @@ def test_every_deck_of_jobs_is_sound_and_survives_writing(path):
     assert parse_deck(write_deck(scene), "copy.toml") == scene
 
 
+COARSE = {"bar": (100, 4, 4), "plate": (90, 30, 2)}  # cells of 0.1 in, by the first word of a deck's name
+
+
 @pytest.mark.parametrize("path", DECKS, ids=lambda path: path.stem)
 def test_every_deck_of_jobs_can_be_made_coarser(path):
     """Lengths of peridynamics are left to their defaults, so one override is enough."""
     scene = read_deck(path, ["mesh.spacing=0.1"])
-    assert scene.mesh.n_cells == (100, 4, 4)
+    assert scene.mesh.n_cells == COARSE[path.stem.partition("_")[0]]
     assert scene.peridynamics.lengths(scene.mesh.spacing) == (0.1, 0.25)
 
 
@@ -294,7 +297,7 @@ def test_missing_key_has_an_example():
         ("coupling.overlap=0", "0 is out of range. Use a whole number of 1 or more."),
         ("coupling.overlap=1.5", "1.5 is not a whole number"),
         ("coupling.kind=papr", 'Use one of "paper", "paper_a". Did you mean paper?'),
-        ("mesh.kind=plate", '"plate" is not among the choices. Use "box".'),
+        ("mesh.kind=plate", 'mesh.kind = "plate" is unknown. Give kind = "box" or kind = "plate_with_hole".'),
         ("title=3", '3 is not a text in quotes ("...")'),
         ("output.fields=1", "1 is not true or false"),
         ("solver.tolerance=1.0", "1.0 is out of range. Use a number above 0 and below 1."),
@@ -320,6 +323,58 @@ def test_wrong_value(override, sentence):
     message = only(override)
     assert sentence in message
     assert message.startswith(f"bar.toml: {override.partition('=')[0].partition('.')[0]}")
+
+
+PLATE = SOUND.replace("[mesh]\n", '[mesh]\nkind = "plate_with_hole"\nhole_radius = 0.2\n').replace(
+    "-0.2, -0.2]\nupper = [1.0, 0.2, 0.2]", "-0.5, -0.2]\nupper = [1.0, 0.5, 0.2]"
+)
+
+
+@pytest.mark.parametrize("kind", ["", 'kind = "box"\n'], ids=["left out", "given"])
+def test_mesh_is_a_box_by_default(kind):
+    """The kind may be left out; it is written into complete decks."""
+    scene = parse_deck(SOUND.replace("[mesh]\n", f"[mesh]\n{kind}"), "x")
+    assert isinstance(scene.mesh, BoxMesh)
+    assert 'kind = "box"' in write_deck(scene)
+
+
+def test_plate_with_hole_is_read_and_written():
+    scene = parse_deck(PLATE, "x")
+    assert isinstance(scene.mesh, PlateWithHoleMesh)
+    assert parse_deck(write_deck(scene), "x") == scene
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("mesh.hole_radius=0", "mesh.hole_radius = 0 is out of range. Use a number above 0 (dimension length)."),
+        ("mesh.hole_radius=0.4", "mesh.hole_radius = 0.4 does not fit: it leaves 0.1 between the hole and"),
+        ("mesh.hole_radius=0.1", "mesh.hole_radius = 0.1 is below 2 * spacing = 0.2"),
+        ("mesh.hole_raduis=0.1", "unknown key mesh.hole_raduis = 0.1. Did you mean hole_radius?"),
+        ("mesh.spacing=0.07", "mesh.spacing = 0.07 does not divide the box's sides"),
+        ("mesh.kind=plate_with_holes", "Give kind = \"box\" or kind = \"plate_with_hole\". Did you mean plate_with_hole?"),
+        ("mesh.kind=box", 'unknown key mesh.hole_radius = 0.2. It is a key of kind = "plate_with_hole": set that kind'),
+        ("mesh.kind=3", "mesh.kind = 3 is unknown. Give kind ="),
+        ("mesh.lower=[0, 0]", "[0, 0] has 2 numbers"),
+        ("probes.0={kind = 'line', name = 'a', start = [0, 0, 0], stop = [1, 0, 0], n = 1}", "probes.0.n = 1 is out of"),
+        ("probes.0={kind = 'line', name = 'a b', start = [0, 0, 0], stop = [1, 0, 0]}", "Use letters, digits, - and _"),
+        ("probes.0={kind = 'line', name = 'a', start = [0, 0, 0]}", "probes.0.stop is missing. Give the last point"),
+    ],
+)
+def test_wrong_value_of_a_plate_or_line(override, sentence):
+    assert sentence in only(override, text=PLATE)
+
+
+def test_missing_hole_radius_has_an_example():
+    message = only(text=PLATE.replace("hole_radius = 0.2\n", ""))
+    assert message == "bar.toml: mesh.hole_radius is missing. Give the radius of the hole, for example 0.4."
+
+
+def test_checks_of_a_bad_plate_go_on():
+    """A wrong radius hides neither the spacing nor checks between tables."""
+    messages = problems(PLATE, "mesh.hole_radius=x", "mesh.spacing=0.07", "peridynamics.cutoff_radius=0.01")
+    assert [key for key in ("hole_radius", "spacing = 0.07 does not", "cutoff_radius") if any(key in m for m in messages)]
+    assert len(messages) == 3
 
 
 def test_load_without_kind():

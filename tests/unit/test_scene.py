@@ -10,8 +10,10 @@ from pdfem_mpi.scene import (
     BodyForce,
     BoxMesh,
     DisplacementProbe,
+    LineProbe,
     Material,
     Peridynamics,
+    PlateWithHoleMesh,
     Region,
     Scene,
     SceneError,
@@ -123,6 +125,49 @@ def test_every_exchanged_corner_is_named():
 def test_flat_box_is_refused():
     problem = only_problem(lambda: BoxMesh(lower=(0.0, 0.0, 0.0), upper=(1.0, 0.0, 1.0), spacing=0.1))
     assert (problem.key, "y = 0.0" in problem.text) == ("upper", True)
+
+
+PLATE = {"lower": (-4.5, -1.5, -0.1), "upper": (4.5, 1.5, 0.1)}
+
+
+@pytest.mark.parametrize(("spacing", "n_cells"), [(0.05, (180, 60, 4)), (0.1, (90, 30, 2)), (0.2, (45, 15, 1))])
+def test_plate_of_the_paper_counts_cells_of_its_box(spacing, n_cells):
+    assert PlateWithHoleMesh(**PLATE, hole_radius=0.4, spacing=spacing).n_cells == n_cells
+
+
+@pytest.mark.parametrize(
+    ("radius", "part"),
+    [
+        (0.19, "= 0.19 is below 2 * spacing = 0.2: too few cells for a circle. Use a spacing of at most 0.095"),
+        (1.31, "= 1.31 does not fit: it leaves 0.19 between the hole and the plate's edges in y"),
+        (7.0, "= 7.0 does not fit"),
+    ],
+)
+def test_hole_that_does_not_fit_is_refused(radius, part):
+    problem = only_problem(lambda: PlateWithHoleMesh(**PLATE, hole_radius=radius, spacing=0.1))
+    assert problem.key == "hole_radius"
+    assert part in problem.text
+
+
+@pytest.mark.parametrize("radius", [0.2, 1.3])
+def test_holes_at_both_limits_are_allowed(radius):
+    assert PlateWithHoleMesh(**PLATE, hole_radius=radius, spacing=0.1).hole_radius == radius
+
+
+def test_narrow_side_is_named():
+    tall = {"lower": (0.0, 0.0, 0.0), "upper": (2.0, 9.0, 1.0)}
+    assert "edges in x" in only_problem(lambda: PlateWithHoleMesh(**tall, hole_radius=0.9, spacing=0.1)).text
+
+
+def test_misfitting_spacing_of_a_plate_is_reported_before_its_hole():
+    assert only_problem(lambda: PlateWithHoleMesh(**PLATE, hole_radius=9.0, spacing=0.07)).key == "spacing"
+
+
+def test_line_probe_needs_two_ends_and_a_name_for_files():
+    ends = {"start": (0.0, 0.0, 0.0), "stop": (1.0, 0.0, 0.0)}
+    assert LineProbe(kind="line", name="bottom-2", **ends).n == 101
+    problems = problems_of(lambda: LineProbe(kind="line", name="../x", start=(0.0,) * 3, stop=(0.0,) * 3))
+    assert [problem.key for problem in problems] == ["name", "stop"]
 
 
 def test_other_poissons_ratio_is_refused_with_peridynamics_only():

@@ -165,9 +165,7 @@ def test_bar_clamped_at_its_elements_and_pulled_at_its_points(coupling):
 @pytest.mark.parametrize(("coupling", "overlap"), JUMPS, ids=lambda value: str(value))
 def test_jump_of_a_bar_in_tension(tmp_path, coupling, overlap):
     """The straight lines of the two halves miss each other at the interface by what was measured before."""
-    assert jump_of_short_bar(tmp_path, coupling, overlap) == pytest.approx(
-        JUMPS[coupling, overlap], abs=JUMP_TOLERANCE
-    )
+    assert jump_of_short_bar(tmp_path, coupling, overlap) == pytest.approx(JUMPS[coupling, overlap], abs=JUMP_TOLERANCE)
 
 
 def test_jump_of_reading_a_grows_with_the_overlap(tmp_path):

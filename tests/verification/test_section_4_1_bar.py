@@ -124,9 +124,7 @@ def test_relaxation_takes_about_eight_evaluations_a_cell(tmp_path, n_cells):
     ends = f"mesh.lower=[{-half}, -0.2, -0.2]", f"mesh.upper=[{half}, 0.2, 0.2]"
     probes = f"probes.left_end.point=[{-half}, 0.0, 0.0]", f"probes.right_end.point=[{half}, 0.0, 0.0]"
     summary = run_deck("bar_pd.toml", tmp_path, "mesh.spacing=0.1", 'solver.kind="adr"', *ends, *probes)
-    assert summary["solve"]["evaluations_last_step"] == pytest.approx(
-        RELAXATION_COUNTS[n_cells], rel=COUNT_TOLERANCE
-    )
+    assert summary["solve"]["evaluations_last_step"] == pytest.approx(RELAXATION_COUNTS[n_cells], rel=COUNT_TOLERANCE)
 
 
 def test_finite_kinematics_shorten_the_bar_by_half_the_strain(tmp_path):

@@ -252,7 +252,7 @@ def test_forces_with_coefficients_in_double_precision(name, strain):
     assert worst(result.force, add_at(len(whole.x), pairs, f, -f)) < STORAGE
 
 
-@every_sweep
+@finite_sweeps
 def test_linear_and_finite_agree_for_small_displacements(name):
     """The tangent at the undeformed state: the difference is of the order of the strain."""
     whole = body((3, 2, 2))

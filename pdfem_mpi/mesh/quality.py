@@ -1,0 +1,72 @@
+"""How good the cells of a mesh are, and the refusal of those that no element can live on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.hex8 import gauss_volumes
+from pdfem_mpi.mesh.hexmesh import HexMesh
+from pdfem_mpi.scene import SceneError
+
+#: The three neighbours of each local node (VTK order), so that a cube's are a right-handed triple.
+CORNERS = np.array([(1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7), (7, 5, 0), (4, 6, 1), (5, 7, 2), (6, 4, 3)])
+#: Cells measured together.
+BATCH = 2**15
+#: Bad cells that a message lists.
+LISTED = 3
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Extremes over all cells of a mesh.
+
+    Attributes
+    ----------
+    shortest_edge, longest_edge : float, dimension length
+    smallest_scaled_jacobian : float, dimension 1
+        Of all corners: the volume of the three edges there over the product of their lengths; 1 in a box.
+    smallest_gauss_volume : float, dimension length^3
+        Smallest weight of a Gauss point.
+    """
+
+    shortest_edge: float
+    longest_edge: float
+    smallest_scaled_jacobian: float
+    smallest_gauss_volume: float
+
+
+def measure(mesh: HexMesh) -> Quality:
+    """Measure all cells.
+
+    Raises
+    ------
+    SceneError
+        Cells that are turned inside out or flat: a corner's Jacobian or a Gauss volume is not positive.
+    """
+    shortest, longest, jacobian, volume = np.inf, 0.0, np.inf, np.inf
+    bad = []
+    for start in range(0, len(mesh.cells), BATCH):
+        corners = mesh.nodes[mesh.cells[start : start + BATCH]]
+        edges = corners[:, CORNERS] - corners[:, :, None]
+        length = np.sqrt((edges**2).sum(axis=-1))
+        triple = (np.cross(edges[:, :, 0], edges[:, :, 1]) * edges[:, :, 2]).sum(axis=-1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scaled = np.nan_to_num(triple / length.prod(axis=-1), nan=0.0)
+        volumes = gauss_volumes(corners)
+        bad.append(start + np.flatnonzero(((scaled <= 0.0).any(axis=1)) | (volumes <= 0.0).any(axis=1)))
+        shortest, longest = min(shortest, length.min()), max(longest, length.max())
+        jacobian, volume = min(jacobian, scaled.min()), min(volume, volumes.min())
+    bad = np.concatenate(bad)
+    if len(bad):
+        places = ", ".join(
+            f"{cell} at ({', '.join(f'{c:.6g}' for c in mesh.centroids[cell])})" for cell in bad[:LISTED]
+        )
+        raise SceneError(
+            [
+                f"mesh has {len(bad)} of {len(mesh.cells)} cells that are flat or inside out (a Jacobian that is not "
+                f"positive), the first {places}. Use another spacing, or correct the order of their nodes."
+            ]
+        )
+    return Quality(float(shortest), float(longest), float(jacobian), float(volume))
