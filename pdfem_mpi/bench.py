@@ -252,16 +252,16 @@ def _finite_sweeps(forces: Forces) -> Iterator[Callable[[], object]]:
     table = peridynamics.constants(forces.critical_e, pattern)
     extremes = np.zeros(2)
 
-    def over_rows(sweep, *tables):
+    def over_rows(sweep, *arguments):
         for rows in bonds.rows:
-            sweep(0, len(rows.start) - 1, *rows.arrays, *tables, table, extremes)
+            sweep(0, len(rows.start) - 1, *rows.arrays, *arguments)
 
-    exact = forces.S.reshape(-1), forces.SI.reshape(-1)
+    exact = forces.S.reshape(-1), forces.SI.reshape(-1), table, extremes
     floats = forces.S.copy()
     floats[:, 6:9] = 0.0
     yield lambda: over_rows(peridynamics.add_forces_series_failing, *exact)
     yield lambda: over_rows(peridynamics.add_forces_closed_failing, *exact)
-    yield lambda: over_rows(ceilings.add_forces_plain_sums, floats.reshape(-1))
+    yield lambda: over_rows(ceilings.add_forces_plain_sums, floats.reshape(-1), table)
 
 
 def _measure_linear(case: dict, comm, seconds: float) -> dict:

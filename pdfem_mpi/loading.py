@@ -99,16 +99,20 @@ def rigid_modes(model: Model, u: np.ndarray | None = None) -> np.ndarray:
     )
     if u is not None:
         x = x + np.concatenate([point_rows(u[:n]), u[n:].reshape(-1, 3)])
+    modes = rigid_motions(x).reshape(6, -1, 3)
+    points = n // 3
+    return np.stack([np.concatenate([cluster_layout(mode[:points]), mode[points:].reshape(-1)]) for mode in modes])
+
+
+def rigid_motions(x: np.ndarray) -> np.ndarray:
+    """Three translations and three rotations about the origin of positions (n, 3), shape (6, 3 n)."""
     modes = np.zeros((6, len(x), 3))
     for d in range(3):
         modes[d, :, d] = 1.0
         after, last = (d + 1) % 3, (d + 2) % 3
         modes[3 + d, :, after] = -x[:, last]
         modes[3 + d, :, last] = x[:, after]
-    points = n // 3
-    return np.stack(
-        [np.concatenate([cluster_layout(mode[:points]), mode[points:].reshape(-1)]) for mode in modes]
-    )
+    return modes.reshape(6, -1)
 
 
 def exact_dots(comm, pairs) -> np.ndarray:

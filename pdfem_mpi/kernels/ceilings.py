@@ -6,7 +6,7 @@ Nothing here is used by a simulation.
 from numba import njit, types
 
 from pdfem_mpi.kernels.peridynamics import _V1, _V2, _V3, _V4, _V5, _V6, _V7, _V8, _series, u8
-from pdfem_mpi.kernels.simd import W, above, fma, fnma, hmax, hmin, hsum, lanes, largest, load, smallest, splat, store
+from pdfem_mpi.kernels.simd import W, above, fma, fnma, hsum, lanes, largest, load, splat, store
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 #: Fused multiply-adds a turn of the loop of `multiply_add`: 12 independent chains hide their latency.
@@ -102,10 +102,11 @@ def gather(table, index):
 
 
 @njit(**_options)
-def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table, extremes):
+def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table):
     """The row loop of `peridynamics.add_forces_series_failing` with plain float sums, whose bits depend on their order.
 
-    Parameters are those of the sweep, without the integer view. Bonds beyond the limit are noticed, not broken.
+    Parameters are those of the sweep, without the integer view, and without the extremes of ``e``, which bound the quanta.
+    Bonds beyond the limit are noticed, not broken.
 
     Returns
     -------
@@ -113,7 +114,6 @@ def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table
         Points with a bond beyond the limit.
     """
     zero = splat(0.0)
-    peak, floor = splat(extremes[0]), splat(extremes[1])
     count = 0
     for i in range(first, last):
         r, end = u8(row_start[i]), u8(row_start[i + 1])
@@ -138,7 +138,7 @@ def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table
             dz, hz = load(S, b_next + _V2) - uz, load(S, b_next + _V5) - zz
             e_next = fma(dx, hx, fma(dy, hy, dz * hz)) * load(row_data, o_next + _V1)
             hx, hy, hz = hx + dx, hy + dy, hz + dz
-            top, floor = largest(e, top), smallest(e, floor)
+            top = largest(e, top)
             f = _series(load(row_data, o), e, table)
             fx, fy, fz = fma(f, gx, fx), fma(f, gy, fy), fma(f, gz, fz)
             store(S, b + _V6, fnma(f, gx, load(S, b + _V6)))
@@ -147,11 +147,9 @@ def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table
             e, gx, gy, gz, b, o = e_next, hx, hy, hz, b_next, o_next
         if lanes(above(top, load(table, _V5))) != 0:
             count += 1
-        peak = largest(top, peak)
         S[own + 6 * W] += hsum(fx)
         S[own + 7 * W] += hsum(fy)
         S[own + 8 * W] += hsum(fz)
-    extremes[0], extremes[1] = hmax(peak), hmin(floor)
     return count
 
 
@@ -161,7 +159,5 @@ SIGNATURES = {
     triad: types.void(_f8, _f8, _f8, _real),
     multiply_add: _real(_int, _f8),
     gather: _real(_f8, types.uint32[::1]),
-    add_forces_plain_sums: _int(
-        _int, _int, types.int64[::1], types.uint32[::1], types.float32[::1], _f8, _f8, _f8
-    ),
+    add_forces_plain_sums: _int(_int, _int, types.int64[::1], types.uint32[::1], types.float32[::1], _f8, _f8),
 }

@@ -27,8 +27,11 @@ from pdfem_mpi.state import State
 
 #: A solve aims at this fraction of the tolerance, so that the true residual passes with the recursive one.
 SAFETY = 0.9
-#: A Newton step is solved to this fraction of its residual, or as far as the tolerance asks.
-NEWTON_REDUCTION = 1e-3
+#: A solve goes no further than this fraction of its first residual: Newton steps, and linear solves, whose recursive
+#: residual drifts away from the true one.
+NEWTON_REDUCTION, LINEAR_REDUCTION = 1e-3, 1e-9
+#: A residual this much above the best of its solve is round-off growing.
+DRIFT = 100.0
 #: The true residual must at least halve from one solve to the next.
 STAGNATION = 0.5
 #: Below this relative residual an indefinite direction is round-off.
@@ -97,10 +100,10 @@ def solve(
                 f"conjugate gradients stagnate at a relative residual of {relative:.3g}, above solver.tolerance = "
                 f"{tolerance:.3g}: round-off, or a part that nothing holds. Allow a larger tolerance."
             )
-        goal = SAFETY * tolerance * reference
+        reduction = NEWTON_REDUCTION if finite else LINEAR_REDUCTION
+        goal = max(SAFETY * tolerance * reference, reduction * math.sqrt(square))
         if finite:
             tangent.linearise(u)
-            goal = max(goal, NEWTON_REDUCTION * math.sqrt(square))
         _solve_linear(
             tangent, residual, fixed, goal, max_evaluations - (forces.evaluations - start), preconditioner, step,
             ROUND_OFF * reference,
@@ -129,6 +132,7 @@ def _solve_linear(tangent, r, fixed, goal, max_evaluations, preconditioner, x, r
     (square,) = exact_dots(tangent.model.comm, [(r, r)])
     limit = tangent.evaluations + max_evaluations
     gamma_old = alpha = 0.0
+    best = math.inf
     while True:
         preconditioner.apply(r, GROWTH * math.sqrt(square), z)
         gamma, delta, square = _sweep(tangent, z, nothing, r, w, fixed)
@@ -136,7 +140,8 @@ def _solve_linear(tangent, r, fixed, goal, max_evaluations, preconditioner, x, r
         if math.isnan(delta) or math.isnan(norm):
             raise NotFinite(tangent.describe_not_finite(z, w))
         told(norm)
-        if norm <= goal:
+        best = min(best, norm)
+        if norm <= goal or norm > DRIFT * best:
             return
         if tangent.evaluations >= limit:
             raise NotConverged(

@@ -18,6 +18,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from pdfem_mpi.hex8 import GAUSS_POINTS, gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.finite_elements import lame_moduli
 from pdfem_mpi.kernels.preconditioner import interpolate, restrict
+from pdfem_mpi.loading import rigid_motions
 from pdfem_mpi.model import Model
 from pdfem_mpi.parallel.comm import sum_integers
 
@@ -89,12 +90,16 @@ class Grid:
         Grid nodes that touch the body.
     levels : tuple of Level
         From fine to coarse, the same on every rank.
+    free : float64, shape (3 n_nodes, n_motions)
+        Orthonormal rigid motions that nothing holds. They are kept out of the solve: round-off along them would
+        be amplified by the inverse of ``PIN``.
     """
 
     corners: np.ndarray
     weights: np.ndarray
     n_nodes: int
     levels: tuple[Level, ...]
+    free: np.ndarray
 
     def add_correction(self, comm, r: np.ndarray, quantum: float, z: np.ndarray) -> None:
         """``z += T C^-1 T^t r`` for the owned nodes. Collective.
@@ -107,12 +112,16 @@ class Grid:
         """
         sums = np.zeros((self.n_nodes, 3), np.int64)
         restrict(False, self.corners, self.weights, r, quantum, sums)
-        right = (sum_integers(comm, sums) * quantum).reshape(-1)
-        interpolate(False, self.corners, self.weights, solve(self.levels, right).reshape(-1, 3), z)
+        right = self._held((sum_integers(comm, sums) * quantum).reshape(-1))
+        correction = self._held(solve(self.levels, right))
+        interpolate(False, self.corners, self.weights, correction.reshape(-1, 3), z)
+
+    def _held(self, x: np.ndarray) -> np.ndarray:
+        return x - self.free @ (self.free.T @ x)
 
 
 def make_grid(
-    intact: Model, positions: np.ndarray, cells: np.ndarray, fixed: np.ndarray, spring: float
+    intact: Model, positions: np.ndarray, cells: np.ndarray, fixed: np.ndarray, spring: float, motions: np.ndarray
 ) -> Grid:
     """Set up the grid over a finite-element model. Collective.
 
@@ -126,6 +135,8 @@ def make_grid(
         Cells of the mesh.
     fixed : bool, shape (n_owned_nodes, 3)
         Components that do not move: held by springs of stiffness ``spring``.
+    motions : float64, shape (n_motions, 6)
+        Rigid motions that nothing holds, as combinations of translations and rotations.
     """
     comm, nodes, subdomain = intact.comm, intact.nodes, intact.subdomain
     lower, upper = positions.min(axis=0), positions.max(axis=0)
@@ -158,6 +169,8 @@ def make_grid(
 
     moments = sum_integers(comm, moments) * MOMENT_QUANTUM
     number, matrix = _stiffness(moments, h, counts, intact.elements.poissons_ratio, spring)
+    index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
+    free = np.linalg.qr((motions @ rigid_motions(lower + index * h)).T)[0]
     corners = np.ascontiguousarray(number[_cell_nodes(counts)[where]].astype(np.int32))
     n_nodes = int(number.max()) + 1
     weights = np.ones((len(where), 8))
@@ -170,7 +183,7 @@ def make_grid(
         matrix = prolongation.T @ matrix @ prolongation
         number, counts = below, _halved(counts, 1)
     levels.append(Level(_factorise(matrix)))
-    return Grid(corners, weights, n_nodes, tuple(levels))
+    return Grid(corners, weights, n_nodes, tuple(levels), free)
 
 
 def _halved(counts: np.ndarray, times: int) -> np.ndarray:

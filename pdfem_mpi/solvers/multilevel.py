@@ -141,5 +141,5 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
         own_nodes=own_nodes,
         fixed=fixed.reshape(-1),
         cycle_blocks=inverted(model.comm, of_cycle, fixed),
-        grid=make_grid(intact, discretization.nodes, cells, fixed, spring),
+        grid=make_grid(intact, discretization.nodes, cells, fixed, spring, case.free_motions),
     )

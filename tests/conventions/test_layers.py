@@ -22,7 +22,8 @@ LEVELS = (
     ("probes",),
     ("solvers",),
     ("stepping",),
-    ("run", "bench", "peers"),
+    ("run",),
+    ("bench", "peers"),
     ("cli",),
     ("__main__",),
 )

@@ -28,7 +28,7 @@ def scene(solver="adr", kinematics="linear"):
 
 
 def solve(body, watch=lambda progress: None):
-    solver = make_solver(body.scene, body.discretization, body.forces, body.case)
+    solver = make_solver(body.scene, body.discretization, body.forces, body.case, Silence().line)
     return solver(body.state, body.case.external, watch)
 
 

@@ -5,7 +5,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from pdfem_mpi.results.plots import PARTS, BarStations, axial_displacement
+from pdfem_mpi.results.plots import (
+    PARTS,
+    BarStations,
+    LineSamples,
+    axial_displacement,
+    displacement_along_line,
+)
 
 STRAIN = 1.0e-3
 EXCESS = 0.05  # of the peridynamic half, as the paper prints
@@ -135,3 +141,40 @@ def test_drawing_leaves_the_callers_matplotlib_alone(tmp_path):
         before = dict(matplotlib.rcParams)
         axial_displacement(tmp_path / "bar.png", coupled_bar())
         assert dict(matplotlib.rcParams) == before
+
+
+# --- lines ------------------------------------------------------------------------------------------------
+
+
+def bottom_line(**changes):
+    """Samples from -2 to 2: peridynamics in the middle, finite elements at the ends, a gap at 0."""
+    x = np.linspace(-2.0, 2.0, 41)
+    displacement = np.stack([STRAIN * x, STRAIN * np.cos(x)], axis=1)
+    kind = np.where(np.abs(x) < 1.0, "peridynamics", "finite elements")
+    displacement[20], kind[20] = np.nan, ""
+    samples = {"coordinate": x, "displacement": displacement, "kind": kind, "along": "x", "where": "line bottom"}
+    return LineSamples(**samples | changes)
+
+
+def test_line_has_a_panel_for_each_component_with_both_models(tmp_path, drawn):
+    samples = bottom_line()
+    displacement_along_line(tmp_path / "line.png", samples, "Plate", "in")
+    (figure,) = drawn
+    for component, panel in enumerate(figure.axes):
+        assert panel.get_ylabel() == f"displacement $u_{'xy'[component]}$ (in)"
+        for part in PARTS:
+            drawn_part = lines(panel)[part]
+            of_part = samples.kind == part
+            np.testing.assert_array_equal(drawn_part.get_xdata(), samples.coordinate[of_part])
+            np.testing.assert_array_equal(drawn_part.get_ydata(), samples.displacement[of_part, component])
+    assert figure.axes[1].get_xlabel() == "position on the line, $x$ (in)"
+    assert legend(figure) == ["finite elements", "peridynamics"]
+    assert figure.get_suptitle() == "Plate\nline bottom"
+    assert matplotlib.image.imread(tmp_path / "line.png").shape[:2] == (900, 1200)
+
+
+def test_oblique_line_of_one_model_without_units(tmp_path, drawn):
+    kind = np.full(41, "peridynamics")
+    displacement_along_line(tmp_path / "line.png", bottom_line(kind=kind, along="distance from its start"))
+    assert legend(drawn[0]) == ["peridynamics"]
+    assert drawn[0].axes[1].get_xlabel() == "position on the line, distance from its start (length units)"
