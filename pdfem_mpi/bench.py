@@ -447,8 +447,8 @@ def join(one: dict, several: dict | None, peer: dict | None) -> dict:
             "machine": several["machine"],
         }  # fmt: skip
     if peer is not None:
-        key = "undirected_bonds_per_second_per_core"
-        result["peer"] = peer | {"ratio": one["pd"][key] / peer[key]}
+        evaluation = one["case"]["undirected_bonds"] / one["pd"]["undirected_bonds_per_second_per_core"]
+        result["peer"] = peer | {"ratio": peer["seconds_per_step"] / (evaluation + one["relaxation"]["seconds"])}
     result["computer"] = {"cpu": launch.cpu_name(), "cores": launch.allowed_cores()}
     result["versions"] = {"pdfem_mpi": __version__, "python": platform.python_version(), "numpy": np.__version__}
     return result
@@ -505,7 +505,8 @@ def table(result: dict) -> list[tuple[str, str]]:
         n, exchange = parallel["ranks"], parallel["exchange"]
         rows += [
             (f"speed-up on {n} ranks", f"{parallel[f'speedup_{n}_ranks']:.2f}, "
-                                       f"linear {parallel['speedup_linear']:.2f}"),
+                                       f"linear {parallel['speedup_linear']:.2f}; sweeps by CPU time "
+                                       f"{parallel['speedup_of_sweeps']:.2f}"),
             ("exchange", f"{exchange['share_of_evaluation']:.1%} of an evaluation on {n} ranks, "
                          f"{exchange['ghosts_per_owned_cell']:.2f} ghosts a cell"),
             (f"set-up on {n} ranks", f"{parallel['setup']['seconds']:.1f} s, "
@@ -515,7 +516,7 @@ def table(result: dict) -> list[tuple[str, str]]:
         ]  # fmt: skip
     if peer := result.get("peer"):
         rate = f"{peer[per_bond] / 1e6:.1f} M bonds/s on one core"
-        rows.append((peer["name"], f"{rate}, {peer['ratio']:.1f} times slower"))
+        rows.append((peer["name"], f"{rate}; its step takes {peer['ratio']:.1f} times as long"))
     return rows
 
 

@@ -163,8 +163,8 @@ def _refuse(scene: Scene, comm, needed: float, what: str) -> None:
         shares = f" for {ranks} ranks, {show_bytes(most)} for the largest" if ranks > 1 else ""
         messages = [
             f"mesh.spacing = {scene.mesh.spacing:g} does not fit into memory: {what} needs "
-            f"{show_bytes(whole)}{shares}, and {platform.node() or 'this computer'} has {show_bytes(available)} available. Use a larger spacing, "
-            "a smaller peridynamic region, or more computers."
+            f"{show_bytes(whole)}{shares}, and {platform.node() or 'this computer'} has {show_bytes(available)} "
+            "available. Use a larger spacing, a smaller peridynamic region, or more computers."
         ]
     if messages := agree(comm, messages):
         raise SceneError(messages)

@@ -105,7 +105,7 @@ def gather(table, index):
 def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table):
     """The row loop of `peridynamics.add_forces_series_failing` with plain float sums, whose bits depend on their order.
 
-    Parameters are those of the sweep, without the integer view, and without the extremes of ``e``, which bound the quanta.
+    Parameters are those of the sweep, without the integer view, and without the extremes of ``e`` that the quanta need.
     Bonds beyond the limit are noticed, not broken.
 
     Returns

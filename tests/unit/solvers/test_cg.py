@@ -1,0 +1,116 @@
+"""Conjugate gradients: the same equilibrium as relaxation, true residuals, breakdowns told by name."""
+
+import numpy as np
+import pytest
+
+from pdfem_mpi.scene import BodyForce, Support
+from pdfem_mpi.solvers import cg
+from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
+from pdfem_mpi.solvers.multilevel import make_preconditioner
+from pdfem_mpi.stepping import make_solver
+from verification.bodies import build, make_scene
+
+TOLERANCE = 1e-9
+AGREEMENT = 1e-6  # of the largest displacement: the softest mode is some 1e3 softer than the stiffest
+
+
+def solved(scene, solver, notes=None, factor=1.0):
+    """Body and convergence after one load step."""
+    body = build(scene)
+    body.state.u[body.case.fixed] = factor * body.case.prescribed[body.case.fixed]
+    solve = make_solver(scene, body.discretization, body.forces, body.case, (notes or []).append)
+    return body, solve(body.state, factor * body.case.external, lambda progress: None)
+
+
+HELD = {
+    "loads": (BodyForce(kind="body_force", face="x+", total=(0.3, 0.1, 0.2)),),
+    "supports": (Support(face="x-", x=0.0, y=0.0, z=0.0),),
+}
+PULLED = {"loads": (), "supports": (Support(face="x-", x=0.0, y=0.0, z=0.0), Support(face="x+", x=0.01))}
+
+
+@pytest.mark.parametrize("kinematics", ["linear", "finite"])
+@pytest.mark.parametrize("options", [HELD, PULLED], ids=["loads", "displacements"])
+@pytest.mark.parametrize("n_elements", [0, 4, 8])
+def test_same_equilibrium_as_relaxation(n_elements, options, kinematics):
+    """Both solvers find the displacements of the same equilibrium."""
+    found = [
+        solved(
+            make_scene((8, 3, 2), n_elements, kinematics=kinematics, solver=kind, tolerance=TOLERANCE, **options), kind
+        )[0].state.u
+        for kind in ("adr", "cg")
+    ]
+    assert np.abs(found[0] - found[1]).max() <= AGREEMENT * np.abs(found[0]).max()
+
+
+def test_reported_residual_is_the_true_one():
+    """The residual of the convergence is that of one more evaluation at the displacements."""
+    body, convergence = solved(make_scene((8, 3, 2), 4, solver="cg"), "cg")
+    force = np.empty_like(body.state.u)
+    body.forces.evaluate_surely(body.state.u, body.case.external, force)
+    assert convergence.residual == pytest.approx(
+        np.linalg.norm(force) / np.linalg.norm(body.case.external), rel=1e-6
+    )
+    assert convergence.residual <= 1e-6
+
+
+def test_warm_start_at_the_solution_costs_one_evaluation():
+    """From an equilibrium nothing is left to do but to look at it."""
+    body, _ = solved(make_scene((8, 3, 2), 4, solver="cg", tolerance=1e-8), "cg")
+    preconditioner = make_preconditioner(body.discretization, body.model, body.case)
+    again = cg.solve(body.forces, body.state, body.case.external, body.case.fixed, 1e-7, 100, preconditioner)
+    assert again.evaluations == 1
+
+
+def test_no_load_is_an_equilibrium():
+    """Zero load: no displacement, no evaluation."""
+    loads = (BodyForce(kind="body_force", face="x+", total=(0.0, 0.0, 0.0)),)
+    body, convergence = solved(make_scene((4, 2, 2), loads=loads, solver="cg"), "cg")
+    assert convergence.evaluations == 0
+    assert (body.state.u == 0.0).all()
+
+
+def test_tolerance_below_round_off_is_named():
+    """Nothing can reach 1e-16: the stagnation is told, with the residual that was reached, below 1e-10."""
+    with pytest.raises(NotConverged, match=r"stagnate at a relative residual of [0-9.]+e-1[1-9]"):
+        solved(make_scene((12, 2, 2), 6, solver="cg", tolerance=1e-16), "cg")
+
+
+def test_too_few_evaluations_are_named():
+    """The limit holds within a solve."""
+    with pytest.raises(NotConverged, match="max_evaluations"):
+        solved(make_scene((8, 3, 2), solver="cg", max_evaluations=5), "cg")
+
+
+@pytest.mark.parametrize("wrong", ["preconditioner", "stiffness"])
+def test_indefinite_operators_are_named(wrong, monkeypatch):
+    """A negative preconditioner or stiffness is a breakdown that says which."""
+    body = build(make_scene((6, 2, 2), solver="cg"))
+    preconditioner = make_preconditioner(body.discretization, body.model, body.case)
+    if wrong == "preconditioner":
+        apply = preconditioner.apply
+
+        def negative(r, size, z):
+            apply(r, size, z)
+            z *= -1.0
+
+        monkeypatch.setattr(preconditioner, "apply", negative)
+    else:
+        for rows in body.model.bonds.rows:
+            rows.data[:] *= -1.0
+    with pytest.raises(Breakdown, match=f"the {wrong} is not positive definite"):
+        cg.solve(body.forces, body.state, body.case.external, body.case.fixed, 1e-6, 100, preconditioner)
+
+
+def test_relaxation_goes_on_after_a_breakdown():
+    """A strut compressed by a tenth buckles for Newton's method; relaxation finds an equilibrium, with a note."""
+    loads = (BodyForce(kind="body_force", face="x+", total=(-800.0, 0.0, 0.0)),)
+    scene = make_scene(
+        (16, 2, 2), kinematics="finite", loads=loads, supports=HELD["supports"], solver="cg", tolerance=1e-4
+    )
+    notes = []
+    body = build(scene)
+    solve = make_solver(scene, body.discretization, body.forces, body.case, notes.append)
+    convergence = solve(body.state, body.case.external, lambda progress: None)
+    assert convergence.residual <= 1e-4
+    assert "conjugate gradients broke down" in notes[0]
