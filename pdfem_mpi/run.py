@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import platform
 import resource
 import shutil
@@ -24,7 +25,7 @@ from pdfem_mpi.kernels.warm_up import compile_kernels
 from pdfem_mpi.loading import make_load_case
 from pdfem_mpi.memory import check_mesh, check_model, show_bytes
 from pdfem_mpi.model import Model, build_model
-from pdfem_mpi.parallel.comm import agree, largest, node_communicator, sum_integers
+from pdfem_mpi.parallel.comm import agree, broadcast, largest, node_communicator, sum_integers
 from pdfem_mpi.probes import Bar, Line, bar_results, displacement_at, measure_bar, measure_line
 from pdfem_mpi.results.history import History
 from pdfem_mpi.results.lines import write_line
@@ -157,10 +158,13 @@ class _Run:
 
     def go(self) -> int:
         scene, comm = self.scene, self.comm
-        claim = agree(comm, self._refuse_folder() if comm.rank == 0 else [])
-        if claim:
-            raise SceneError(claim)
+        refusal = broadcast(comm, on_root(comm, self._refuse_folder))
+        if refusal:
+            raise SceneError([refusal])
         with _phase(self.seconds, "compile"):
+            cache = Path(os.environ.get("NUMBA_CACHE_DIR", ""))
+            if on_root(comm, lambda: not any(cache.rglob("*.nbi"))):
+                self.reporter.line("compiling the kernels, once on this machine (10 to 30 s)")
             warm_up(comm)
         with _phase(self.seconds, "setup"):
             check_mesh(scene, comm)
@@ -219,12 +223,10 @@ class _Run:
             )
         return code
 
-    def _refuse_folder(self) -> list[str]:
+    def _refuse_folder(self) -> str | None:
         if (self.out / "summary.json").exists() and not self.overwrite:
-            return [
-                f"the folder {self.out} already holds a run. Use --overwrite, or another folder with --out."
-            ]
-        return []
+            return f"the folder {self.out} already holds a run. Use --overwrite, or another folder with --out."
+        return None
 
     def _open_folder(self) -> None:
         self.out.mkdir(parents=True, exist_ok=True)

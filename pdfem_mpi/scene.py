@@ -567,6 +567,18 @@ class Stepping(Table):
         return []
 
 
+#: Results of a bar probe, listed beside those of other probes.
+BAR_RESULTS = (
+    "end_displacement",
+    "end_error_percent",
+    "modulus_ratio_finite_elements",
+    "modulus_ratio_peridynamics",
+    "poissons_ratio_finite_elements",
+    "poissons_ratio_peridynamics",
+    "interface_jump",
+)
+
+
 class DisplacementProbe(Table):
     """Displacement at a named point; a ``[[probes]]`` table with ``kind = "displacement"``."""
 
@@ -742,6 +754,11 @@ def _check_region_names(regions: Sequence[Region]) -> list[Problem]:
 
 def _check_probe_names(probes: Sequence[Any]) -> list[Problem]:
     problems = _repeated_names("probes", probes)
+    for index, probe in enumerate(probes):
+        if getattr(probe, "name", None) in BAR_RESULTS:
+            problems.append(
+                Problem(f"probes.{index}.name", f'= "{probe.name}" is a result of bar probes. Choose another.')
+            )
     bars = [index for index, probe in enumerate(probes) if isinstance(probe, BarProbe)]
     for index in bars[1:]:
         problems.append(

@@ -50,8 +50,8 @@ def plate_with_hole(lower, upper, hole_radius, spacing) -> HexMesh:
     Far from the hole cells are cubes of the regular grid of `box`. A square of that grid is left out at the hole, and
     rings of cells fill the space between its edge and the circle. Nodes of the rings and of the grid up to
     ``GRADED_RADII`` radii from the centre are then moved to where edges are short: they lie between about 0.6 and 1.5
-    spacings where the plate has room, and all interfaces conform. Mirror images in x and y have the same bits about
-    a centre at 0.
+    spacings at a hole of 6 or more spacings with a radius of room around it (0.2 at the smallest hole), and all
+    interfaces conform. Mirror images in x and y have the same bits about a centre at 0.
 
     Parameters
     ----------
@@ -69,8 +69,8 @@ def plate_with_hole(lower, upper, hole_radius, spacing) -> HexMesh:
     centre = 0.5 * (lower + upper)
     plane = centre[:2] + offset
     for d in range(2):
-        plane[2 * place[:, 1 + d] == -2 * n_cells[d], d] = lower[d]
-        plane[2 * place[:, 1 + d] == 2 * n_cells[d], d] = upper[d]
+        plane[place[:, 1 + d] == -n_cells[d], d] = lower[d]
+        plane[place[:, 1 + d] == n_cells[d], d] = upper[d]
 
     t = np.arange(n_cells[2] + 1) / n_cells[2]
     z = lower[2] * (1.0 - t) + upper[2] * t
