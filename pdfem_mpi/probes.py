@@ -31,10 +31,10 @@ class Bar:
         Layers described by free peridynamic points (else by elements or the overlap).
     lateral_strain : float64, shape (n,), dimension 1
         Slope of the lateral displacements over the lateral positions.
-    interface : float or None
-        Axial coordinate between the peridynamic cells and the overlap.
+    interfaces : tuple of float
+        Axial coordinates between free peridynamic cells and the overlap.
     overlap : tuple of float or None
-        Axial interval of the overlap.
+        Axial interval of the overlap at the first interface.
     """
 
     coordinate: np.ndarray
@@ -42,8 +42,18 @@ class Bar:
     exact: np.ndarray
     has_points: np.ndarray
     lateral_strain: np.ndarray
-    interface: float | None
+    interfaces: tuple[float, ...]
     overlap: tuple[float, float] | None
+
+    @property
+    def interface(self) -> float | None:
+        """The first interface."""
+        return self.interfaces[0] if self.interfaces else None
+
+    def first_run(self, of_points: bool) -> np.ndarray:
+        """Layers of one description up to the first that is not; bool, shape (n,)."""
+        same = self.has_points == of_points
+        return same & (np.cumsum(np.diff(same, prepend=False) & same) == 1)
 
 
 @dataclass(frozen=True)
@@ -187,29 +197,30 @@ def measure_bar(
     displacement -= 0.5 * (faces[0] + faces[-1])
     middle = 0.5 * (mesh.lower[axis] + mesh.upper[axis])
     exact = factor * probe.stress / scene.material.youngs_modulus * (coordinate - middle)
-    interface, overlap = _interface(discretization, axis, use_points)
-    return Bar(coordinate, displacement, exact, of_points, lateral, interface, overlap)
-
-
-def _interface(discretization, axis, use_points):
-    mesh = discretization.mesh
-    if not discretization.is_overlap.any():
-        return None, None
-    span = [mesh.nodes[mesh.cells[chosen], axis] for chosen in (discretization.is_overlap, use_points)]
-    low, high = float(span[0].min()), float(span[0].max())
-    inner = high if abs(span[1].min() - high) <= mesh.tolerance else low
-    return inner, (low, high)
+    reach = np.array([mesh.nodes[mesh.cells[layer == k], axis].max() for k in range(n)])
+    changes = np.flatnonzero(of_points[1:] != of_points[:-1])
+    overlap = None
+    if len(changes):
+        shared = np.array([discretization.is_overlap[layer == k].any() for k in range(n)])
+        first = changes[0] if shared[changes[0]] else changes[0] + 1
+        last = first
+        while first > 0 and shared[first - 1]:
+            first -= 1
+        while last + 1 < n and shared[last + 1]:
+            last += 1
+        overlap = (float(reach[first - 1]) if first else float(mesh.lower[axis]), float(reach[last]))
+    return Bar(coordinate, displacement, exact, of_points, lateral, tuple(reach[changes].tolist()), overlap)
 
 
 def bar_results(
     scene: Scene, discretization: Discretization, bar: Bar, probe: BarProbe, factor: float
 ) -> dict:
-    """End error, moduli and Poisson's ratio of each half, and the jump at the interface.
+    """End error, moduli and Poisson's ratio of each description, and the jump at the first interface.
 
     The end error is that of the last layer of cells, in percent of the exact displacement of the end face.
-    Moduli and the jump come from straight lines fitted to the layers of each description that are more than
-    ``MARGIN`` cutoff radii (of cell edges, without peridynamics) away from the ends and the interface. The jump is the
-    peridynamic line minus the finite-element line at the interface, in units of strain times cell edge.
+    Moduli and the jump come from straight lines fitted to the first run of layers of each description, those more than
+    ``MARGIN`` cutoff radii (of cell edges, without peridynamics) away from the ends and the interfaces. The jump is
+    the peridynamic line minus the finite-element line at the interface, in units of strain times cell edge.
     """
     strain = factor * probe.stress / scene.material.youngs_modulus
     margin = MARGIN * (discretization.cutoff * discretization.units.length or discretization.mesh.mean_edge)
@@ -217,8 +228,8 @@ def bar_results(
         corner["xyz".index(probe.axis)] for corner in (discretization.mesh.lower, discretization.mesh.upper)
     )
     clear = (bar.coordinate > lower + margin) & (bar.coordinate < upper - margin)
-    if bar.interface is not None:
-        clear &= np.abs(bar.coordinate - bar.interface) > margin
+    for interface in bar.interfaces:
+        clear &= np.abs(bar.coordinate - interface) > margin
     results = {
         "end_displacement": float(bar.displacement[-1]),
         "end_error_percent": float(
@@ -227,7 +238,7 @@ def bar_results(
     }
     lines = {}
     for name, of_points in (("finite_elements", False), ("peridynamics", True)):
-        chosen = bar.has_points == of_points
+        chosen = bar.first_run(of_points)
         if np.count_nonzero(chosen & clear) >= 2:
             chosen = chosen & clear
         if np.count_nonzero(chosen) < 2:
