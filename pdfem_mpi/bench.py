@@ -196,10 +196,10 @@ def _measure_finite(case: dict, comm, seconds: float) -> dict:
     sweep, closed, plain = best(comm, *_finite_sweeps(forces), seconds=2 * seconds)
     inverse_mass = np.where(load_case.fixed, 0.0, 1.0 / model.mass)
     scratch = [u.copy(), np.zeros_like(u), force.copy()]
-    sums = np.zeros((5, SIZE), np.int64)
+    sums = np.zeros((4, SIZE), np.int64)
 
     def relax():
-        add_damping_sums(*scratch[:2], force, scratch[2], inverse_mass, nothing, sums)
+        add_damping_sums(*scratch[:2], force, scratch[2], inverse_mass, sums)
         for row in sums:
             carry(row)
         advance(*scratch[:2], force, scratch[2], inverse_mass, 0.5, False)

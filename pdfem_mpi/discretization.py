@@ -187,19 +187,17 @@ def _find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray) -> np.nd
     reached = peridynamic
     for layer in range(1, scene.coupling.overlap + 1):
         wider = mesh.neighbours(reached)
+        if layer == 1 and not (wider & ~reached).any():
+            raise SceneError(
+                ["regions: the peridynamic and the finite-element cells share no node. Let them touch."]
+            )
         if wider.all() or not (wider & ~reached).any():
-            if layer == 1 and not (wider & ~reached).any():
-                raise SceneError(
-                    ["regions: the peridynamic and the finite-element cells share no node. Let them touch."]
-                )
+            deep = f"{layer} layer{'s' if layer > 1 else ''} deep"
+            remedy = f"Use at most {layer - 1}, or enlarge them" if layer > 1 else "Enlarge them"
             raise SceneError(
                 [
                     f"coupling.overlap = {scene.coupling.overlap} leaves no finite element outside the overlap: the "
-                    f"finite-element regions are {layer} layers deep, seen from the interface. Use at most "
-                    f"{layer - 1}, or larger finite-element regions."
-                    if layer > 1
-                    else "coupling.overlap = 1 takes every finite element: the finite-element regions are one "
-                    "layer deep. Enlarge them."
+                    f"finite-element regions are {deep}, seen from the interface. {remedy}."
                 ]
             )
         reached = wider

@@ -21,7 +21,7 @@ from pdfem_mpi.parallel.comm import agree, largest, sum_integers
 #: Points whose interior rows are swept between two looks at the messages under way.
 CHUNK = 16384
 #: Bounds are powers of two, at least this much above what was met, so that they are rarely met again.
-HEADROOM = 4.0
+HEADROOM = 2.0
 #: A bound this much above what is met is lowered: it costs digits.
 SLACK = 2.0**8
 #: Numbers from here on count as infinite: their products would be.

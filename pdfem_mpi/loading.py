@@ -7,6 +7,7 @@ so every rank finds the same bits.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,8 +89,8 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
     return case
 
 
-def rigid_modes(model: Model, u: np.ndarray | None = None) -> np.ndarray:
-    """Three translations and three rotations about the origin, of the body displaced by ``u``; (6, n_unknowns)."""
+def rigid_modes(model: Model, u: np.ndarray | None = None) -> Iterator[np.ndarray]:
+    """Yield three translations and three rotations about the origin of the body displaced by ``u``; (n_unknowns,)."""
     n = model.n_point_unknowns
     x = np.concatenate(
         [
@@ -99,39 +100,46 @@ def rigid_modes(model: Model, u: np.ndarray | None = None) -> np.ndarray:
     )
     if u is not None:
         x = x + np.concatenate([point_rows(u[:n]), u[n:].reshape(-1, 3)])
-    modes = rigid_motions(x).reshape(6, -1, 3)
     points = n // 3
-    return np.stack([np.concatenate([cluster_layout(mode[:points]), mode[points:].reshape(-1)]) for mode in modes])
+    for k in range(6):
+        mode = _rigid_motion(x, k)
+        yield np.concatenate([cluster_layout(mode[:points]), mode[points:].reshape(-1)])
+
+
+def _rigid_motion(x: np.ndarray, k: int) -> np.ndarray:
+    mode = np.zeros((len(x), 3))
+    if k < 3:
+        mode[:, k] = 1.0
+    else:
+        after, last = (k - 2) % 3, (k - 1) % 3
+        mode[:, after] = -x[:, last]
+        mode[:, last] = x[:, after]
+    return mode
 
 
 def rigid_motions(x: np.ndarray) -> np.ndarray:
     """Three translations and three rotations about the origin of positions (n, 3), shape (6, 3 n)."""
-    modes = np.zeros((6, len(x), 3))
-    for d in range(3):
-        modes[d, :, d] = 1.0
-        after, last = (d + 1) % 3, (d + 2) % 3
-        modes[3 + d, :, after] = -x[:, last]
-        modes[3 + d, :, last] = x[:, after]
-    return modes.reshape(6, -1)
+    return np.stack([_rigid_motion(x, k).reshape(-1) for k in range(6)])
 
 
-def exact_dots(comm, pairs) -> np.ndarray:
+def exact_dots(comm, pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """Dot products of pairs of vectors over the unknowns of all ranks, each rounded once. Collective."""
-    digits = np.zeros((len(pairs), SIZE), np.int64)
-    for row, (x, y) in zip(digits, pairs, strict=True):
-        add_products(np.ascontiguousarray(x), np.ascontiguousarray(y), row)
-    return np.array([value(row) for row in sum_integers(comm, digits)])
+    rows = []
+    for x, y in pairs:
+        rows.append(np.zeros(SIZE, np.int64))
+        add_products(np.ascontiguousarray(x), np.ascontiguousarray(y), rows[-1])
+    return np.array([value(row) for row in sum_integers(comm, np.array(rows))])
 
 
 def free_motions(model: Model, fixed: np.ndarray) -> np.ndarray:
-    """Orthonormal combinations of the rigid modes that move no fixed unknown, shape (n_modes, 6). Collective."""
-    modes = rigid_modes(model)
-    held = np.where(fixed, modes, 0.0)
-    pairs = [(a, b) for i, a in enumerate(held) for b in held[: i + 1]]
-    whole = exact_dots(model.comm, [(m, m) for m in modes])
+    """Combinations of the rigid modes that move no fixed unknown, shape (n_modes, 6). Collective."""
+    if not sum_integers(model.comm, np.array([np.count_nonzero(fixed)]))[0]:
+        return np.eye(6)
+    held = [mode[fixed] for mode in rigid_modes(model)]
+    whole = exact_dots(model.comm, ((mode, mode) for mode in rigid_modes(model)))
     scale = 1.0 / np.sqrt(np.maximum(whole, 1e-300))
     gram = np.zeros((6, 6))
-    gram[np.tril_indices(6)] = exact_dots(model.comm, pairs)
+    gram[np.tril_indices(6)] = exact_dots(model.comm, ((a, b) for i, a in enumerate(held) for b in held[: i + 1]))
     gram = np.tril(gram) + np.tril(gram, -1).T
     values, vectors = np.linalg.eigh(scale[:, None] * gram * scale)
     return vectors[:, values <= HELD * values.max()].T * scale
@@ -147,7 +155,7 @@ def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
     """
     if not len(case.free_motions):
         return
-    modes = _combine(case.free_motions, rigid_modes(model))
+    modes = [_combined(model, motion) for motion in case.free_motions]
     count = len(modes)
     pairs = [(case.volume * a, b) for a in modes for b in modes] + [(case.volume * a, u) for a in modes]
     dots = exact_dots(model.comm, pairs)
@@ -156,28 +164,30 @@ def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
         u -= amount * mode
 
 
-def _combine(motions: np.ndarray, modes: np.ndarray) -> np.ndarray:
-    """Combinations of the modes, term by term in a fixed order."""
-    result = np.zeros((len(motions), modes.shape[1]))
-    for row, motion in zip(result, motions, strict=True):
-        for amount, mode in zip(motion, modes, strict=True):
-            row += amount * mode
+def _combined(model: Model, motion: np.ndarray) -> np.ndarray:
+    """A combination of the rigid modes, summed in their order, shape (n_unknowns,)."""
+    result = np.zeros(model.n_unknowns)
+    for amount, mode in zip(motion, rigid_modes(model), strict=True):
+        if amount:
+            result += amount * mode
     return result
 
 
 def _check_balance(model: Model, case: LoadCase) -> None:
     if not len(case.free_motions):
         return
-    modes = _combine(case.free_motions, rigid_modes(model))
-    pairs = [(case.external, mode) for mode in modes] + [
-        (np.abs(case.external), np.abs(mode)) for mode in modes
-    ]
-    work = exact_dots(model.comm, pairs)
-    net, gross = work[: len(modes)], work[len(modes) :]
+
+    def works():
+        for motion in case.free_motions:
+            mode = _combined(model, motion)
+            yield case.external, mode
+            yield np.abs(case.external), np.abs(mode)
+
+    net, gross = exact_dots(model.comm, works()).reshape(-1, 2).T
     if (np.abs(net) <= BALANCE_TOLERANCE * gross.max()).all():
         return
     worst = int(np.argmax(np.abs(net)))
-    force = exact_dots(model.comm, [(case.external, mode) for mode in rigid_modes(model)])
+    force = exact_dots(model.comm, ((case.external, mode) for mode in rigid_modes(model)))
     units = model.units
     net_force = ", ".join(f"{f:.6g}" for f in force[:3] * units.force)
     net_moment = ", ".join(f"{m:.6g}" for m in force[3:] * units.force * units.length)
@@ -191,8 +201,11 @@ def _check_balance(model: Model, case: LoadCase) -> None:
 
 
 def _describe(motion: np.ndarray) -> str:
-    names = [f"the {kind} {axis}" for kind in ("translation along", "rotation about") for axis in "xyz"]
-    return names[int(np.argmax(np.abs(motion)))]
+    """The motion by name: a rotation wherever it has a part in it, since a lever arm looks like a translation."""
+    translation, rotation = np.abs(motion).reshape(2, 3)
+    if rotation.max() > 1e-6 * translation.max():
+        return f"the rotation about {'xyz'[int(np.argmax(rotation))]}"
+    return f"the translation along {'xyz'[int(np.argmax(translation))]}"
 
 
 def _select_cells(discretization: Discretization, entry, where: str, scene: Scene) -> np.ndarray:

@@ -108,13 +108,18 @@ def _balance(forces: Forces, state: State, case: LoadCase):
     internal = np.empty_like(state.u)
     forces.evaluate_surely(state.u, np.zeros_like(state.u), internal)
     finite = model.bonds is not None and model.bonds.finite
-    modes = rigid_modes(model, state.u if finite else None)
     reactions = np.where(case.fixed, internal, 0.0)
-    pairs = [(-reactions, mode) for mode in modes[:3]]
-    pairs += [(internal, mode) for mode in modes]
-    pairs += [(np.abs(internal), np.abs(mode)) for mode in modes]
-    dots = exact_dots(model.comm, pairs)
-    reaction, net, gross = dots[:3], dots[3:9], dots[9:]
+    size = np.abs(internal)
+
+    def pairs():
+        for k, mode in enumerate(rigid_modes(model, state.u if finite else None)):
+            if k < 3:
+                yield -reactions, mode
+            yield internal, mode
+            yield size, np.abs(mode)
+
+    dots = exact_dots(model.comm, pairs())
+    reaction, net, gross = dots[0:9:3], np.append(dots[1:9:3], dots[9::2]), np.append(dots[2:9:3], dots[10::2])
 
     def ratio(d):
         whole = float(gross[d].max())

@@ -11,28 +11,28 @@ from pdfem_mpi.kernels.exact_sums import BLOCK, BLOCKS, add_terms, carry
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
-def add_damping_sums(u, v, force, previous_force, inverse_mass, external, sums):
-    """Add this rank's terms of the five global sums of an iteration.
+def add_damping_sums(u, v, force, previous_force, inverse_mass, sums):
+    """Add this rank's terms of the four global sums of an iteration.
 
     ``U^T K U`` with the local stiffness (32) ``K_ii = -(F_i^n - F_i^(n-1)) / (m_i v_i)``, 0 where ``v_i = 0`` or the
-    ratio is not finite; ``U^T U``; the square of the residual force; that of the external force; and that of the
-    reactions. The first three run over the unknowns that are free to move (``1 / m_i > 0``), the last over the others.
+    ratio is not finite; ``U^T U``; the square of the residual force; and that of the reactions. The first three run
+    over the unknowns that are free to move (``1 / m_i > 0``), the last over the others.
 
     Parameters
     ----------
-    u, v, force, previous_force, inverse_mass, external : float64, shape (n,)
-        Dimensions length, length (the time step is 1), force, force, length / force, force.
-    sums : int64, shape (5, exact_sums.SIZE)
+    u, v, force, previous_force, inverse_mass : float64, shape (n,)
+        Dimensions length, length (the time step is 1), force, force, length / force.
+    sums : int64, shape (4, exact_sums.SIZE)
         Added to.
     """
     stiffness = np.empty(BLOCK)
     square = np.empty(BLOCK)
     residual = np.empty(BLOCK)
-    load = np.empty(BLOCK)
     reaction = np.empty(BLOCK)
     n = u.size
     for start in range(0, n, BLOCK):
         m = min(BLOCK, n - start)
+        held = False
         for k in range(m):
             i = start + k
             change = -(force[i] - previous_force[i]) * inverse_mass[i]
@@ -42,13 +42,13 @@ def add_damping_sums(u, v, force, previous_force, inverse_mass, external, sums):
             square[k] = u[i] * u[i] if free else 0.0
             stiffness[k] = square[k] * ratio
             residual[k] = force[i] * force[i] if free else 0.0
-            load[k] = external[i] * external[i]
             reaction[k] = 0.0 if free else force[i] * force[i]
+            held |= not free
         add_terms(stiffness, m, sums[0])
         add_terms(square, m, sums[1])
         add_terms(residual, m, sums[2])
-        add_terms(load, m, sums[3])
-        add_terms(reaction, m, sums[4])
+        if held:
+            add_terms(reaction, m, sums[3])
         if start // BLOCK % BLOCKS == BLOCKS - 1:
             for row in sums:
                 carry(row)
@@ -81,6 +81,6 @@ def advance(u, v, force, previous_force, inverse_mass, damping, first):
 
 _f8 = types.float64[::1]
 SIGNATURES = {
-    add_damping_sums: types.void(_f8, _f8, _f8, _f8, _f8, _f8, types.int64[:, ::1]),
+    add_damping_sums: types.void(_f8, _f8, _f8, _f8, _f8, types.int64[:, ::1]),
     advance: types.void(_f8, _f8, _f8, _f8, _f8, types.float64, types.boolean),
 }

@@ -32,10 +32,12 @@ MODULES = (
 def compile_kernels() -> None:
     """Compile every kernel for the one signature it is called with, or load it from the cache.
 
-    Afterwards a call with other types is a TypeError instead of a silent second compilation. Does nothing with
-    ``NUMBA_DISABLE_JIT=1``.
+    Afterwards a call with other types is a TypeError instead of a silent second compilation. Does nothing the second
+    time, and with ``NUMBA_DISABLE_JIT=1``.
     """
-    if numba.config.DISABLE_JIT:
+    if numba.config.DISABLE_JIT or not all(
+        kernel._can_compile for module in MODULES for kernel in module.SIGNATURES
+    ):
         return
     for module in MODULES:
         for kernel, signature in module.SIGNATURES.items():

@@ -41,7 +41,7 @@ def vectors(body, n, seed=0):
     r = np.random.default_rng(seed).standard_normal((n, body.model.n_unknowns))
     r[:, body.case.fixed] = 0.0
     if len(body.case.free_motions):
-        q = np.linalg.qr(rigid_modes(body.model).T)[0]
+        q = np.linalg.qr(np.stack(list(rigid_modes(body.model))).T)[0]
         r -= r @ q @ q.T
     return r
 
@@ -69,14 +69,14 @@ def test_fixed_unknowns_stay(body):
 
 
 def test_it_bounds_the_spectrum(body):
-    """Ritz values of P K on sixty unit displacements lie between bounds that do not depend on the body."""
+    """Ritz values of P K on forty unit displacements lie between bounds that do not depend on the body."""
     preconditioner = make_preconditioner(body.discretization, body.model, body.case)
     forces = type(body.forces)(body.model, tangent=body.model.bonds is not None and body.model.bonds.finite)
     if forces.tangent:
         forces.linearise(body.state.u)
     free = np.flatnonzero(~body.case.fixed)
     columns = []
-    for k in range(0, len(free), max(1, len(free) // 60)):  # the images of some unit displacements span enough
+    for k in np.random.default_rng(2).choice(len(free), 40, replace=False):  # no rigid motion among their combinations
         u, f = np.zeros(body.model.n_unknowns), np.empty(body.model.n_unknowns)
         u[free[k]] = 1.0
         forces.evaluate_surely(u, np.zeros_like(u), f)
