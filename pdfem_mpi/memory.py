@@ -32,8 +32,8 @@ CELL_BYTES, CELL_PEAK_BYTES = 190, 400
 NODAL_CELL_BYTES = 1700
 #: Positions, weights, table, counts and correction vectors of a point, ghosts included.
 POINT_BYTES = 170
-#: Vectors over the unknowns of a point or node while a load case is made: state, loads, twelve rigid modes.
-MOTION_BYTES = 600
+#: Vectors over the unknowns of a point or node while a load case is made: state, loads, one rigid mode at a time.
+MOTION_BYTES = 330
 #: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model and grid, for a cell.
 GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES = 650, 2700
 
