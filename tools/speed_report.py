@@ -240,7 +240,9 @@ hole (section 4.2) on {ranks} ranks, {processor()}. {idle}
   bonds with the correction of appendix A), what the cells are too coarse for, and what the solver left. The last is
   added to the others, never taken off: bonds that are too soft, relaxed by half, would else look right.
 * **Solver error**: difference to the same case solved by `cg` to 1e-10, in percent. The tolerances recommended leave at
-  most a tenth of the level in every case of the last table.
+  most a tenth of the level in every case of the last table. They are for these displacements, which do the work of the
+  loads: of it conjugate gradients leave about the square of the residual, of other numbers more. Where bonds may
+  break, take 1e-4 or less.
 * **Sweeps**: evaluations of all forces. **Core-seconds**: ranks times wall seconds, of the solve alone and of set-up
   and solve. Kernels are compiled before.
 * Unless a row says otherwise: `cg` to 1e-6, linear kinematics, l = Delta, r_c = 2.5 l, correction of appendix A; in

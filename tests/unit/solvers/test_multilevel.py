@@ -161,3 +161,18 @@ def test_multigrid_takes_over_where_factors_would_be_too_large(monkeypatch):
         x += grid.solve(nested.grid.levels, right - matrix @ x)
         norms.append(np.linalg.norm(right - matrix @ x) / np.linalg.norm(right))
     assert norms[-1] < 0.05  # a factor of 0.7 a cycle, the damping of block-free Jacobi steps
+
+
+@pytest.mark.parametrize("counts", [(4, 2, 2), (6, 1, 4), (3, 2, 1)])
+def test_prolongation_between_grids_is_exact_for_linear_functions(counts):
+    """Trilinear interpolation from half the cells, an axis of one cell kept; an odd axis keeps its last cell's half."""
+    counts = np.array(counts)
+    number = np.arange(int(np.prod(counts + 1)))
+    below, prolongation = grid._prolongation(number, counts)
+    coarser = grid._halved(counts, 1)
+    ratio = np.where(counts == coarser, 1, 2)
+    fine = np.stack(np.unravel_index(number, counts + 1), axis=1)
+    coarse = np.stack(np.unravel_index(np.flatnonzero(below >= 0), coarser + 1), axis=1) * ratio
+    gradient = np.array([0.3, -0.7, 1.1])
+    values = np.repeat(coarse @ gradient + 2.0, 3)
+    np.testing.assert_allclose(prolongation @ values, np.repeat(fine @ gradient + 2.0, 3), rtol=1e-14)
