@@ -255,8 +255,8 @@ def add_forces_linear(first, last, row_start, row_offset, row_data, S, SI, table
     """Add the linearised bond forces ``K' (eta . xi) xi`` of the rows of points ``first:last``.
 
     Parameters are those of the finite sweep, with one number a slot (``row_data`` of shape ((n_rows + 1) * 4,)),
-    positions in rows 3-5 of the table, and ``extremes`` those of ``K' (eta . xi)``, force / length: a component
-    of a bond's force is at most that times the longest bond.
+    positions in rows 3-5 of the table, and ``extremes[0]`` the largest ``|K' (eta . xi)|``, force / length: a
+    component of a bond's force is at most that times the longest bond.
 
     Returns
     -------
@@ -265,7 +265,6 @@ def add_forces_linear(first, last, row_start, row_offset, row_data, S, SI, table
     """
     zero = splat(0.0)
     peak = splat(extremes[0])
-    floor = splat(extremes[1])
     for i in range(first, last):
         r = u8(row_start[i])
         end = u8(row_start[i + 1])
@@ -300,8 +299,7 @@ def add_forces_linear(first, last, row_start, row_offset, row_data, S, SI, table
                 fma(load(S, b_next + _V1) - uy, hy, (load(S, b_next + _V2) - uz) * hz),
             )
             f_next = f_next * load(row_data, r * _V1)
-            peak = largest(f, peak)
-            floor = smallest(f, floor)
+            peak = largest(magnitude(f), peak)
             M = load(table, _V6)
             px = fma(f, gx, M)
             py = fma(f, gy, M)
@@ -321,7 +319,6 @@ def add_forces_linear(first, last, row_start, row_offset, row_data, S, SI, table
         SI[own + 7 * W] += ihsum(fy)
         SI[own + 8 * W] += ihsum(fz)
     extremes[0] = hmax(peak)
-    extremes[1] = hmin(floor)
     return 0
 
 
