@@ -6,11 +6,11 @@ from pdfem_mpi.parallel.comm import world
 
 
 def pytest_generate_tests(metafunc):
-    """Run a test that takes ``comm`` for sizes of the first group that let one of both have each size."""
+    """Run a test that takes ``comm`` in groups of the sizes above half: runs on 2 and 4 ranks have 1, 2, 3 and 4."""
     if "comm" in metafunc.fixturenames:
         option = metafunc.config.getoption
         n_ranks = world().size if option("--with-mpi") or option("--only-mpi") else 1
-        sizes = range((n_ranks + 1) // 2, n_ranks + 1)
+        sizes = range(n_ranks // 2 + 1, n_ranks + 1)
         metafunc.parametrize("comm", sizes, ids="{}_ranks".format, indirect=True)
 
 
