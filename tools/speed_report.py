@@ -248,10 +248,11 @@ hole (section 4.2) on {ranks} ranks, {processor()}. {idle}
 * Unless a row says otherwise: `cg` to 1e-6, linear kinematics, l = Delta, r_c = 2.5 l, correction of appendix A; in
   coupled cases bonds at x > 0 of the bar or |x| < 2 of the plate.
 * **Front**: cases with bonds that no other case with bonds beats in both error and core-seconds. Elements alone are
-  cheaper than all of them, and cannot break.
+  cheaper than all of them, and cannot break. Where bonds go is not a free choice: wherever the body may break. The
+  series over the region's size tell what a larger one costs.
 * **float32**: bonds are always stored in float32 (K and 1/r0^2) and computed in float64; there is no other storage to
   compare with, so no series. The rounding changes forces by at most 5e-8 of the largest (`docs/performance.md`; a test
-  holds it below 1e-7): about 1e-5 percent, below every error here. Both sides of a solver error share it.
+  holds it below 1e-7): about 1e-5 percent, below every error of a case with bonds. Both sides of a solver error share it.
 """
 
 

@@ -96,7 +96,7 @@ def stages(include_slow: bool) -> list[Stage]:
             {"NUMBA_DISABLE_JIT": "1"},
         ),
         mpi_stage(2, limit(240), f"mpi{slow}"),
-        mpi_stage(4, limit(480), f"mpi{slow}"),
+        mpi_stage(4, limit(300), f"mpi{slow}"),
     ]
 
 
