@@ -9,7 +9,6 @@ one rank unless they say wall. docs/performance.md explains every number.
 from __future__ import annotations
 
 import json
-import math
 import os
 import platform
 import subprocess
@@ -26,7 +25,8 @@ from pdfem_mpi import __version__, launch
 from pdfem_mpi.bonds import pattern_for, total_bonds
 from pdfem_mpi.deck import parse_deck
 from pdfem_mpi.discretization import discretize
-from pdfem_mpi.forces import Forces, pages
+from pdfem_mpi.failure import Failure, make_failure
+from pdfem_mpi.forces import NOTHING_FAILS, Forces, pages
 from pdfem_mpi.kernels import ceilings, finite_elements, peridynamics
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
@@ -69,6 +69,7 @@ spacing = 1.0
 [material]
 youngs_modulus = 1.0
 poissons_ratio = 0.25
+{failure}
 
 [[regions]]
 name = "body"
@@ -99,8 +100,10 @@ def case_of(scene: Scene | None, small: bool) -> dict:
 
 def make_scene(case: dict, model: str, kinematics: str = "finite", correction: str = "none") -> Scene:
     """The scene of a case, all of it in one description."""
-    text = DECK.format(*case["cells"], model=model)
-    if model == "peridynamics":
+    bonds = model == "peridynamics"
+    failure = f"critical_stretch = {CRITICAL_STRETCH}" if bonds and kinematics == "finite" else ""
+    text = DECK.format(*case["cells"], model=model, failure=failure)
+    if bonds:
         text += BONDS_DECK.format(kinematics=kinematics, correction=correction, cutoff=case["cutoff"])
     return parse_deck(text, "bench")
 
@@ -173,7 +176,7 @@ def _measure_finite(case: dict, comm, seconds: float) -> dict:
     model = build_model(scene, discretization, comm)
     load_case = make_load_case(scene, discretization, model)
     state = new_state(model)
-    forces = Forces(model, state.bounds, critical_e=(1.0 + CRITICAL_STRETCH) ** 2 - 1.0)
+    forces, failure = Forces(model, state.bounds), make_failure(scene, discretization, model)
     comm.Barrier()
     set_up = float(largest(comm, np.array([perf_counter() - start]))[0])
     u, nothing, force = _ready(forces, "bond")
@@ -187,13 +190,13 @@ def _measure_finite(case: dict, comm, seconds: float) -> dict:
     def evaluate():
         before = forces.seconds["exchange"]
         begin = perf_counter()
-        forces.evaluate(u, nothing, force)
+        forces.evaluate(u, nothing, force, failure)
         exchange.append((perf_counter() - begin, forces.seconds["exchange"] - before))
 
     (whole,) = best(comm, evaluate, seconds=2 * seconds)
     slowest = largest(comm, np.array(exchange))  # of the ranks, repetition by repetition
     fastest = slowest[np.argmin(slowest[:, 0])]
-    sweep, closed, plain = best(comm, *_finite_sweeps(forces), seconds=2 * seconds)
+    sweep, closed, plain = best(comm, *_finite_sweeps(forces, failure), seconds=2 * seconds)
     inverse_mass = np.where(load_case.fixed, 0.0, 1.0 / model.mass)
     scratch = [u.copy(), np.zeros_like(u), force.copy()]
     sums = np.zeros((4, SIZE), np.int64)
@@ -245,23 +248,25 @@ def _rates(count: int, ranks: int, whole: Seconds, sweep: Seconds) -> dict[str, 
     }
 
 
-def _finite_sweeps(forces: Forces) -> Iterator[Callable[[], object]]:
+def _finite_sweeps(forces: Forces, failure: Failure) -> Iterator[Callable[[], object]]:
     """The sweep with failure by series and in closed form, and with plain sums, each over all rows of this rank."""
     bonds = forces.model.bonds
     _, pattern = pattern_for(forces.bounds.bond * bonds.strongest)
-    table = peridynamics.constants(forces.critical_e, pattern)
+    table = peridynamics.constants(pattern)
     extremes = np.zeros(2)
+    trigger, critical = failure.limits(finite=True, margin=0.0)
 
     def over_rows(sweep, *arguments):
         for rows in bonds.rows:
             sweep(0, len(rows.start) - 1, *rows.arrays, *arguments)
 
     exact = forces.S.reshape(-1), forces.SI.reshape(-1), table, extremes
+    exact += failure.class_of, trigger, critical, *failure.records
     floats = forces.S.copy()
     floats[:, 6:9] = 0.0
     yield lambda: over_rows(peridynamics.add_forces_series_failing, *exact)
     yield lambda: over_rows(peridynamics.add_forces_closed_failing, *exact)
-    yield lambda: over_rows(ceilings.add_forces_plain_sums, floats.reshape(-1), table)
+    yield lambda: over_rows(ceilings.add_forces_plain_sums, floats.reshape(-1), table, float(trigger[0]))
 
 
 def _measure_linear(case: dict, comm, seconds: float) -> dict:
@@ -270,14 +275,15 @@ def _measure_linear(case: dict, comm, seconds: float) -> dict:
     forces = Forces(model)
     u, nothing, force = _ready(forces, "bond")
     bonds = total_bonds(comm, model.bonds)
-    table = peridynamics.constants(math.inf, pattern_for(forces.bounds.bond * model.bonds.cutoff)[1])
+    table = peridynamics.constants(pattern_for(forces.bounds.bond * model.bonds.cutoff)[1])
     extremes = np.zeros(2)
 
     def sweep():
         for rows in model.bonds.rows:
             peridynamics.add_forces_linear(
-                0, len(rows.start) - 1, *rows.arrays, forces.S.reshape(-1), forces.SI.reshape(-1), table, extremes
-            )
+                0, len(rows.start) - 1, *rows.arrays, forces.S.reshape(-1), forces.SI.reshape(-1), table, extremes,
+                *NOTHING_FAILS,
+            )  # fmt: skip
 
     whole, alone = best(comm, lambda: forces.evaluate(u, nothing, force), sweep, seconds=2 * seconds)
     return _rates(bonds, comm.size, whole, alone)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pdfem_mpi.kernels import families, surface_correction
 from pdfem_mpi.kernels.cracks import cut_rows
+from pdfem_mpi.kernels.failure import add_noise
 from pdfem_mpi.kernels.peridynamics import add_densities
 from pdfem_mpi.kernels.simd import PATTERN, W
 from pdfem_mpi.parallel.comm import largest, sum_integers
@@ -272,6 +273,15 @@ def start_sums(T: np.ndarray, terms: np.ndarray, bound: float) -> tuple[float, f
     with np.errstate(over="ignore"):
         T.view(np.int64)[:, 6:9] = (-terms * integer_bits(pattern)).reshape(-1, 1, W)
     return quantum, pattern
+
+
+def perturbed(points: Points, bonds: Bonds, amplitude: float, seed: int) -> Bonds:
+    """Multiply every bond's stiffness by a factor within ``1 +- amplitude``, the same on any ranks; in place."""
+    with np.errstate(over="ignore"):
+        for rows in bonds.rows:
+            add_noise(*rows.arrays, points.cell_number, amplitude, seed, bonds.finite)
+    widest = 1.0 + amplitude
+    return replace(bonds, strongest=widest * bonds.strongest, stiffest=widest * bonds.stiffest)
 
 
 def cut_bonds(comm, points: Points, bonds: Bonds, polygon: np.ndarray, normal: np.ndarray) -> int:

@@ -77,9 +77,23 @@ class ConsoleReporter:
         self._clear()
         print(text, flush=True)
 
-    def progress(self, step: int, n_steps: int, progress: Any, tolerance: float) -> None:
+    def row(self, columns: dict[str, Any]) -> None:
+        """Print a row of the history, where bonds can break."""
+        if "broken_bonds" not in columns:
+            return
+        text = (
+            f"{columns['step']:>4} {columns['event']:<8}  load {columns['load_factor']:.6g}  reaction "
+            f"{columns['reaction']:.6g}  broken {columns['broken_bonds']:,} (+{columns['new_broken_bonds']:,})  "
+            f"{columns['evaluations']} evaluations  {columns['wall_seconds']:.1f} s"
+        )
+        self.line(text)
+
+    def progress(self, step: int, n_steps: int | None, progress: Any, tolerance: float) -> None:
         """Print the state of an iteration, if it is time to."""
         now = time.perf_counter()
+        if n_steps is None:
+            self._beat(now, f"row {step}  iteration {progress.iteration}  residual {progress.residual:.2e}")
+            return
         residual = progress.residual
         if step != self.step:
             self.step, self.began = step, now
@@ -97,6 +111,17 @@ class ConsoleReporter:
             f"damping {progress.damping:.3g}  {seconds:.1f} s{left}"
         )
         if self.terminal and not done:
+            print("\r" + text.ljust(self.width), end="", flush=True)
+            self.width = len(text)
+        else:
+            self.line(text)
+
+    def _beat(self, now: float, text: str) -> None:
+        """Print a sign of life, if it is time to."""
+        if now < self.due:
+            return
+        self.due = now + (self.TERMINAL_SECONDS if self.terminal else self.PIPE_SECONDS)
+        if self.terminal:
             print("\r" + text.ljust(self.width), end="", flush=True)
             self.width = len(text)
         else:

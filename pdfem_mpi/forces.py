@@ -13,7 +13,10 @@ from time import perf_counter
 import numpy as np
 
 from pdfem_mpi.bonds import integer_bits, pattern_for
+from pdfem_mpi.failure import Failure
 from pdfem_mpi.kernels import finite_elements, overlap, peridynamics
+from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
+from pdfem_mpi.kernels.failure import add_energies
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.model import Model, point_rows
 from pdfem_mpi.parallel.comm import agree, largest, sum_integers
@@ -26,6 +29,16 @@ HEADROOM = 2.0
 SLACK = 2.0**8
 #: Numbers from here on count as infinite: their products would be.
 LARGEST = 2.0**400
+
+#: What sweeps that break nothing get in place of classes, limits and records.
+NOTHING_FAILS = (
+    np.empty(0, np.uint8),
+    np.empty(0),
+    np.empty((0, 0)),
+    np.empty((0, 2), np.int64),
+    np.empty((0, 2), np.float32),
+    np.zeros(1, np.int64),
+)
 
 
 class NotFinite(Exception):
@@ -61,8 +74,6 @@ class Forces:
     bounds : Bounds
     tangent : bool
         Evaluate the tangent of finite bond forces, at the displacements given to `linearise`.
-    critical_e : float, dimension 1
-        ``(1 + s_0)^2 - 1``: bonds of finite kinematics beyond it break (4). Infinity: none does, and none is asked.
     evaluations : int
         Sweeps over the bonds and elements so far.
     met : float64, shape (2,)
@@ -74,7 +85,6 @@ class Forces:
     model: Model
     bounds: Bounds = field(default_factory=Bounds)
     tangent: bool = False
-    critical_e: float = math.inf
     evaluations: int = 0
     met: np.ndarray = field(default_factory=lambda: np.zeros(2))
     seconds: dict[str, float] = field(
@@ -93,7 +103,14 @@ class Forces:
             self.u_nodes = np.zeros((len(model.nodes.number), 3))
             self.force_nodes = np.zeros((len(model.nodes.number), 3), np.int64)
 
-    def evaluate(self, u: np.ndarray, external: np.ndarray, force: np.ndarray) -> None:
+    def evaluate(
+        self,
+        u: np.ndarray,
+        external: np.ndarray,
+        force: np.ndarray,
+        failure: Failure | None = None,
+        margin: float = 0.0,
+    ) -> None:
         """Compute ``force = external - internal(u)``. Collective.
 
         The result counts only if `check_bounds` of all ranks' `flags` says so; else evaluate again.
@@ -103,6 +120,11 @@ class Forces:
         u : float64, shape (n_unknowns,), dimension length
         external, force : float64, shape (n_unknowns,), dimension force
             ``force`` is overwritten.
+        failure : Failure, optional
+            Bonds beyond their critical stretch break (4), are booked there, and give no force. They are broken also
+            where the result does not count.
+        margin : float
+            They break this fraction below it.
         """
         model, clock = self.model, _Clock(self.seconds)
         points, bonds, nodes = model.points, model.bonds, model.nodes
@@ -133,13 +155,14 @@ class Forces:
                 clock.lap("other")
             points.halo.start_forward(blocks[:, :, 0:3])
             clock.lap("exchange")
-            self._sweep_bonds(bonds.interior, pattern, points.halo)
+            breaking = failure, failure.limits(bonds.finite, margin) if failure else ()
+            self._sweep_bonds(bonds.interior, pattern, breaking, points.halo)
             clock.lap("bonds")
             points.halo.finish_forward(blocks[:, :, 0:3])
             clock.lap("exchange")
             if has_z:
                 peridynamics.complete_z(2 * points.n_owned, points.n_clusters, points.x, flat)
-            self._sweep_bonds(bonds.boundary, pattern)
+            self._sweep_bonds(bonds.boundary, pattern, breaking)
             clock.lap("bonds")
             points.halo.start_reverse(self.SI.reshape(-1, 2, 9, W)[:, :, 6:9])
             clock.lap("exchange")
@@ -213,11 +236,39 @@ class Forces:
             self.bounds.element = _fitted(self.bounds.element, float(met[1]))
         return not beyond
 
-    def evaluate_surely(self, u: np.ndarray, external: np.ndarray, force: np.ndarray) -> None:
+    def evaluate_surely(
+        self,
+        u: np.ndarray,
+        external: np.ndarray,
+        force: np.ndarray,
+        failure: Failure | None = None,
+        margin: float = 0.0,
+    ) -> None:
         """`evaluate`, again until the bounds hold. Collective; for use outside the solvers' loops."""
-        self.evaluate(u, external, force)
+        self.evaluate(u, external, force, failure, margin)
         while not self.check_bounds(sum_integers(self.model.comm, np.array(self.flags()))):
-            self.evaluate(u, external, force)
+            self.evaluate(u, external, force, failure, margin)
+
+    def stored_energy(self, u: np.ndarray) -> float:
+        """Strain energy of all bonds and elements at ``u``, dimension force length, an exact sum. Collective.
+
+        ``u`` are the displacements of the last evaluation, whose table the bonds are read from.
+        """
+        model = self.model
+        digits = np.zeros((2, SIZE), np.int64)
+        if model.bonds:
+            for rows in model.bonds.rows:
+                add_energies(*rows.arrays, self.S.reshape(-1), model.bonds.finite, digits[0])
+        if model.elements:
+            quantum, _ = pattern_for(model.elements.bound * self.bounds.element)
+            self.force_nodes[:] = 0
+            self._sweep_elements(quantum)
+            model.nodes.halo.scatter_reverse(self.force_nodes)
+            inner = self.force_nodes[: model.nodes.n_owned].reshape(-1) * quantum
+            add_products(np.ascontiguousarray(u[model.n_point_unknowns :]), inner, digits[1])
+        self.evaluations += 1
+        bonds, elements = (value(row) for row in sum_integers(model.comm, digits))
+        return bonds - 0.5 * elements
 
     def point_displacements(self) -> np.ndarray:
         """Displacements of the owned points at the last evaluation, shape (n_owned * 8, 3), dimension length."""
@@ -264,21 +315,24 @@ class Forces:
             return self.bounds.bond
         return self.bounds.bond * (bonds.strongest if bonds.finite else bonds.cutoff)
 
-    def _sweep_bonds(self, rows, pattern, halo=None) -> None:
+    def _sweep_bonds(self, rows, pattern, breaking, halo=None) -> None:
         bonds = self.model.bonds
+        failure, limits = breaking
+        extremes = np.zeros(2)
+        shared = (*rows.arrays, self.S.reshape(-1), self.SI.reshape(-1), peridynamics.constants(pattern), extremes)
         if self.tangent:
             sweep = peridynamics.add_forces_tangent
-        elif not bonds.finite:
-            sweep = peridynamics.add_forces_linear
         else:
-            series, failing = self.bounds.bond <= peridynamics.SERIES_LIMIT, self.critical_e < math.inf
-            sweep = peridynamics.FINITE_SWEEPS[series, failing]
-        table = peridynamics.constants(self.critical_e, pattern)
-        extremes = np.zeros(2)
+            series = bonds.finite and self.bounds.bond <= peridynamics.SERIES_LIMIT
+            sweep = peridynamics.SWEEPS[bonds.finite, series, failure is not None]
+            shared += (failure.class_of, *limits, *failure.records) if failure else NOTHING_FAILS
         n_points = len(rows.start) - 1
-        for first in range(0, n_points, CHUNK):
-            last = min(first + CHUNK, n_points)
-            sweep(first, last, *rows.arrays, self.S.reshape(-1), self.SI.reshape(-1), table, extremes)
+        for start in range(0, n_points, CHUNK):
+            first, last = start, min(start + CHUNK, n_points)
+            while first < last:
+                first = sweep(first, last, *shared)
+                if failure:
+                    failure.book(self.model, self.S)
             if halo is not None:
                 halo.test()
         self.met[0] = max(self.met[0], extremes[0], -extremes[1])

@@ -15,6 +15,7 @@ import numpy as np
 from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_volumes
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
+from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.model import Model, cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.scene import BodyForce, Scene, SceneError, Traction
@@ -43,6 +44,14 @@ class LoadCase:
         Share of the body's volume that each unknown stands for.
     free_motions : float64, shape (n_modes, 6)
         Rigid motions that no support holds, as combinations of `rigid_modes`.
+    held : tuple of three int64 arrays, for each support
+        Unknowns that it prescribes along x, y and z.
+    moves : tuple of bool
+        Supports that prescribe something else than 0.
+    reach : float, dimension length
+        Largest prescribed displacement.
+    load : float, dimension force
+        Resultant of the external forces that push one way (those along the axes, or those against them).
     """
 
     external: np.ndarray
@@ -50,6 +59,10 @@ class LoadCase:
     prescribed: np.ndarray
     volume: np.ndarray
     free_motions: np.ndarray
+    held: tuple[tuple[np.ndarray, ...], ...]
+    moves: tuple[bool, ...]
+    reach: float
+    load: float
 
 
 def make_load_case(scene: Scene, discretization: Discretization, model: Model) -> LoadCase:
@@ -78,15 +91,45 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
 
     _lump_on_nodes(discretization, on_cells, on_nodes)
     external = _join(model, _point_forces(discretization, model, on_cells), on_nodes)
-    prescribed = _join(model, *(_pick_points(discretization, model, prescription[0]), prescription[1]))
-    fixed = ~np.isnan(prescribed)
+    amounts, holders = (
+        _join(model, _pick_points(discretization, model, on_cells), on_nodes) for on_cells, on_nodes in prescription
+    )
+    prescribed, fixed = amounts, ~np.isnan(amounts)
     prescribed = np.where(fixed, prescribed, 0.0)
     ones, volume = np.ones_like(on_cells), np.zeros_like(on_nodes)
     _lump_on_nodes(discretization, ones, volume)
     volume = _join(model, _point_forces(discretization, model, ones), volume)
-    case = LoadCase(np.where(fixed, 0.0, external), fixed, prescribed, volume, free_motions(model, fixed))
+    external = np.where(fixed, 0.0, external)
+    case = LoadCase(
+        external=external,
+        fixed=fixed,
+        prescribed=prescribed,
+        volume=volume,
+        free_motions=free_motions(model, fixed),
+        held=tuple(
+            tuple(np.flatnonzero((holders == k) & (component(model) == d)) for d in range(3))
+            for k in range(len(scene.supports))
+        ),
+        moves=tuple(any((s.x, s.y, s.z)) for s in scene.supports),
+        reach=max((abs(a) for s in scene.supports for a in (s.x, s.y, s.z) if a), default=0.0)
+        / discretization.units.length,
+        load=_one_way(model, external),
+    )
     _check_balance(model, case)
     return case
+
+
+def component(model: Model) -> np.ndarray:
+    """0, 1 or 2 for unknowns along x, y or z; int64, shape (n_unknowns,)."""
+    n = model.n_point_unknowns
+    return np.concatenate([np.arange(n) // W % 3, np.arange(model.n_unknowns - n) % 3])
+
+
+def _one_way(model: Model, external: np.ndarray) -> float:
+    along = component(model)
+    ways = [(np.where(along == d, np.maximum(sign * external, 0.0), 0.0)) for sign in (1.0, -1.0) for d in range(3)]
+    sums = exact_dots(model.comm, [(way, np.ones_like(way)) for way in ways]).reshape(2, 3)
+    return max(math.sqrt(x * x + y * y + z * z) for x, y, z in sums.tolist())
 
 
 def rigid_modes(model: Model, u: np.ndarray | None = None) -> Iterator[np.ndarray]:
@@ -280,10 +323,14 @@ def _traction(discretization: Discretization, load: Traction, where: str) -> np.
 
 
 def _prescriptions(scene: Scene, discretization: Discretization, messages: list[str]):
-    """Prescribed displacements of cells' points and of nodes, NaN where free; model units."""
+    """Prescribed displacements, model units, and the supports that prescribe them; NaN where free.
+
+    Both for the points of cells (n_cells, 3) and for nodes (n_mesh_nodes, 3).
+    """
     mesh = discretization.mesh
     on_cells = np.full((len(mesh.cells), 3), np.nan)
     on_nodes = np.full((len(mesh.nodes), 3), np.nan)
+    by_cells, by_nodes = on_cells.copy(), on_nodes.copy()
     for index, support in enumerate(scene.supports):
         where = f"supports.{index}"
         try:
@@ -299,7 +346,10 @@ def _prescriptions(scene: Scene, discretization: Discretization, messages: list[
             if amount is None:
                 continue
             displacement = amount / discretization.units.length
-            for table, chosen in ((on_cells, cells & ~discretization.has_nodes), (on_nodes, nodes)):
+            for table, holder, chosen in (
+                (on_cells, by_cells, cells & ~discretization.has_nodes),
+                (on_nodes, by_nodes, nodes),
+            ):
                 other = chosen & ~np.isnan(table[:, d]) & (table[:, d] != displacement)
                 if other.any():
                     before = table[np.flatnonzero(other)[0], d] * discretization.units.length
@@ -308,7 +358,8 @@ def _prescriptions(scene: Scene, discretization: Discretization, messages: list[
                         f"at {np.count_nonzero(other)} of the same places. Keep one of them."
                     )
                 table[chosen, d] = displacement
-    return on_cells, on_nodes
+                holder[chosen, d] = index
+    return (on_cells, on_nodes), (by_cells, by_nodes)
 
 
 def _lump_on_nodes(discretization: Discretization, on_cells: np.ndarray, on_nodes: np.ndarray) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pdfem_mpi.bonds import Bonds, Points, cut_bonds, fictitious_masses, make_bonds, pattern_for
+from pdfem_mpi.bonds import Bonds, Points, cut_bonds, fictitious_masses, make_bonds, pattern_for, perturbed
 from pdfem_mpi.discretization import Discretization, ModelUnits
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.finite_elements import (
@@ -196,6 +196,8 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -
         bonds, remaining = make_bonds(
             comm, points, discretization.cutoff, finite, scene.peridynamics.surface_correction
         )
+        if scene.peridynamics.stiffness_noise:
+            bonds = perturbed(points, bonds, scene.peridynamics.stiffness_noise, scene.peridynamics.seed)
         for crack in scene.cracks:
             corners = (np.array(crack.polygon) - discretization.units.origin) / discretization.units.length
             normal, _ = polygon_normal(crack.polygon)

@@ -18,7 +18,8 @@ import numpy as np
 
 from pdfem_mpi import __version__
 from pdfem_mpi.bonds import total_bonds
-from pdfem_mpi.discretization import Discretization, discretize
+from pdfem_mpi.discretization import Discretization, ModelUnits, discretize
+from pdfem_mpi.failure import Failure, make_failure
 from pdfem_mpi.fields import Fields, fields_sha256, gather_fields, point_positions
 from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.kernels.warm_up import compile_kernels
@@ -30,16 +31,21 @@ from pdfem_mpi.probes import Bar, Line, bar_results, displacement_at, measure_ba
 from pdfem_mpi.results.history import History
 from pdfem_mpi.results.lines import write_line
 from pdfem_mpi.results.summary import write_summary
-from pdfem_mpi.scene import BarProbe, DisplacementProbe, LineProbe, Scene, SceneError
+from pdfem_mpi.scene import BarProbe, DisplacementProbe, LineProbe, Scene, SceneError, Steps
 from pdfem_mpi.solvers.convergence import NotConverged, Progress
 from pdfem_mpi.state import new_state
-from pdfem_mpi.stepping import Equilibrium, follow_load_program, make_solver
+from pdfem_mpi.stepping import Report, follow_load_program, make_solver
 
 EXIT_FINISHED, EXIT_NOT_WRITTEN, EXIT_NOT_CONVERGED = 0, 73, 74
 SCHEMA_VERSION = 1
 HISTORY = (
-    "step", "load_factor", "reaction_x", "reaction_y", "reaction_z", "evaluations", "relative_residual",
-    "force_balance", "moment_balance",
+    "step", "event", "load_factor", "displacement", "reaction", "reaction_x", "reaction_y", "reaction_z", "evaluations",
+    "relative_residual", "force_balance", "moment_balance",
+)  # fmt: skip
+#: Where bonds can break.
+FAILURE_HISTORY = (
+    "broken_bonds", "new_broken_bonds", "stored_energy", "dissipated_energy", "external_work", "released_energy",
+    "ledger_error", "crack_x_min", "crack_x_max", "crack_y_min", "crack_y_max", "crack_z_min", "crack_z_max",
 )  # fmt: skip
 
 
@@ -49,8 +55,11 @@ class Reporter(Protocol):
     def line(self, text: str) -> None:
         """Print a line."""
 
-    def progress(self, step: int, n_steps: int, progress: Progress, tolerance: float) -> None:
+    def progress(self, step: int, n_steps: int | None, progress: Progress, tolerance: float) -> None:
         """Hear of one iteration."""
+
+    def row(self, columns: dict[str, Any]) -> None:
+        """Hear of a row of the history."""
 
     def table(self, title: str, rows: list[tuple[str, str]]) -> None:
         """Print the table at the end."""
@@ -141,6 +150,9 @@ class _Silent:
     def progress(self, *args):
         pass
 
+    def row(self, columns):
+        pass
+
     def table(self, title, rows):
         pass
 
@@ -150,7 +162,7 @@ class _Run:
         self.scene, self.comm, self.out, self.deck_text = scene, comm, out, deck_text
         self.overwrite, self.reporter = overwrite, reporter
         self.seconds: dict[str, float] = {}
-        self.rows: list[Equilibrium] = []
+        self.rows: list[Report] = []
         self.probes: dict[str, Any] = {}
         self.bar: Bar | None = None
         self.lines: dict[str, Line] = {}
@@ -174,6 +186,7 @@ class _Run:
             case = make_load_case(scene, discretization, model)
             state = new_state(model)
             forces = Forces(model, state.bounds)
+            failure = make_failure(scene, discretization, model)
             solve = make_solver(scene, discretization, forces, case, self.reporter.line)
         on_root(comm, self._open_folder)
         counts = _counts(discretization, model)
@@ -181,20 +194,22 @@ class _Run:
         for index, cut in enumerate(model.cut):
             text = f"cuts {cut:,} bonds" if cut else "cuts no bond: it does not pass through peridynamic cells"
             self.reporter.line(f"cracks.{index} {text}")
-        writer = on_root(comm, lambda: self._open_results(discretization))
+        writer = on_root(comm, lambda: self._open_results(discretization, failure))
         code, reason, fields = EXIT_FINISHED, None, None
-        n_steps = len(scene.stepping.load_factors)
+        n_steps = len(scene.stepping.load_factors) if isinstance(scene.stepping, Steps) else None
 
         def watch(step, progress):
             self.reporter.progress(step, n_steps, progress, scene.solver.tolerance)
 
         solve_start, output = perf_counter(), 0.0
         try:
-            for equilibrium in follow_load_program(scene, solve, forces, state, case, watch):
-                self.rows.append(equilibrium)
+            for row in follow_load_program(scene, solve, failure, state, case, watch):
+                self.rows.append(row)
                 output_start = perf_counter()
                 fields = gather_fields(discretization, forces, state.u)
-                on_root(comm, lambda e=equilibrium, f=fields: writer(e, f, model))
+                columns = _history_row(row, discretization.units, failure is not None)
+                on_root(comm, lambda c=columns, f=fields: writer(c, f))
+                self.reporter.row(columns)
                 output += perf_counter() - output_start
         except (NotConverged, NotFinite) as error:
             code, reason = EXIT_NOT_CONVERGED, str(error)
@@ -236,10 +251,10 @@ class _Run:
             shutil.rmtree(self.out / name, ignore_errors=True)
         (self.out / "deck.toml").write_text(self.deck_text)
 
-    def _open_results(self, discretization: Discretization):
+    def _open_results(self, discretization: Discretization, failure: Failure | None):
         """Create the result files and return what appends one equilibrium to them."""
-        scene, units, out = self.scene, discretization.units, self.out
-        history = History(out / "history.csv", HISTORY)
+        scene, out = self.scene, self.out
+        history = History(out / "history.csv", HISTORY + FAILURE_HISTORY if failure else HISTORY)
         mesh = discretization.mesh
         frames = []
         if scene.output.fields:
@@ -268,24 +283,10 @@ class _Run:
                 )
                 frames.append(("elements.vtkhdf", lambda fields: fields.u_nodes))
 
-        def write(equilibrium: Equilibrium, fields: Fields, model: Model) -> None:
-            reaction = equilibrium.reaction * units.force
-            history.append(
-                {
-                    "step": equilibrium.step,
-                    "load_factor": equilibrium.load_factor,
-                    "reaction_x": float(reaction[0]),
-                    "reaction_y": float(reaction[1]),
-                    "reaction_z": float(reaction[2]),
-                    "evaluations": equilibrium.convergence.evaluations,
-                    "relative_residual": equilibrium.convergence.residual,
-                    "force_balance": equilibrium.force_balance,
-                    "moment_balance": equilibrium.moment_balance,
-                    "wall_seconds": equilibrium.seconds,
-                }
-            )
+        def write(columns: dict[str, Any], fields: Fields) -> None:
+            history.append(columns)
             for name, pick in frames:
-                vtkhdf.append_frame(out / name, equilibrium.load_factor, {"displacement": pick(fields)})
+                vtkhdf.append_frame(out / name, columns["load_factor"], {"displacement": pick(fields)})
 
         return write
 
@@ -386,6 +387,43 @@ class _Run:
                 "numba": sys.modules["numba"].__version__,
             },
         }
+
+
+def _history_row(row: Report, units: ModelUnits, fails: bool) -> dict[str, Any]:
+    """A report in the deck's units, by the columns of history.csv."""
+    resultant = (row.resultant * units.force).tolist()
+    columns = {
+        "step": row.step,
+        "event": row.event,
+        "load_factor": row.load_factor,
+        "displacement": row.displacement * units.length,
+        "reaction": row.reaction * units.force,
+        **dict(zip(("reaction_x", "reaction_y", "reaction_z"), resultant, strict=True)),
+        "evaluations": row.convergence.evaluations,
+        "relative_residual": row.convergence.residual,
+        "force_balance": row.force_balance,
+        "moment_balance": row.moment_balance,
+        "wall_seconds": row.seconds,
+    }
+    if fails:
+        energy = units.force * units.length
+        extent = row.extent * units.length + units.origin
+        columns |= {
+            "broken_bonds": row.broken,
+            "new_broken_bonds": row.new_broken,
+            "stored_energy": _times(row.stored, energy),
+            "dissipated_energy": _times(row.dissipated, energy),
+            "external_work": _times(row.work, energy),
+            "released_energy": _times(row.released, energy),
+            "ledger_error": row.ledger_error,
+        }
+        for d, axis in enumerate("xyz"):
+            columns[f"crack_{axis}_min"], columns[f"crack_{axis}_max"] = extent[:, d] if row.broken else (None, None)
+    return columns
+
+
+def _times(value: float | None, unit: float) -> float | None:
+    return None if value is None else value * unit
 
 
 def _counts(discretization: Discretization, model: Model | None) -> dict[str, int]:

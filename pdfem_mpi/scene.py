@@ -266,6 +266,10 @@ class Material(Table):
     youngs_modulus : float, > 0, dimension force / length^2
     poissons_ratio : float, above -1 and below 0.5, dimension 1
         1/4 wherever the scene has peridynamics: central bond forces admit no other value.
+    critical_stretch : float or None, > 0, dimension 1
+        ``s_0`` of eq. (4): bonds beyond it break.
+    fracture_energy : float or None, > 0, dimension force / length
+        ``G_c``, which gives ``s_0`` by the bonds that a plane cuts. At most one of the two; None (default): no failure.
 
     Examples
     --------
@@ -277,6 +281,38 @@ class Material(Table):
         gt=0, dimension="force / length^2", remedy="Give Young's modulus, for example 1.0e7."
     )
     poissons_ratio: float = key(PERIDYNAMIC_POISSONS_RATIO, gt=-1, lt=0.5, dimension="1")
+    critical_stretch: float | None = key(None, gt=0, dimension="1")
+    fracture_energy: float | None = key(None, gt=0, dimension="force / length")
+
+    def problems(self) -> list[Problem]:
+        """At most one of critical stretch and fracture energy."""
+        if self.critical_stretch is None or self.fracture_energy is None:
+            return []
+        return [Problem("critical_stretch", "and fracture_energy are both given, and each gives the other. Keep one.")]
+
+    @property
+    def can_fail(self) -> bool:
+        """Whether bonds of this material break."""
+        return self.critical_stretch is not None or self.fracture_energy is not None
+
+    def stretch_at_failure(self, internal_length: float, cutoff_ratio: float) -> float | None:
+        """The critical stretch, given or from the fracture energy; None without failure.
+
+        ``G_c = (pi / 2) c s_0^2 int_0^rc xi^4 exp(-(xi / l)^2) dxi = (27 sqrt(pi) / 16) k l s_0^2 share(r_c / l)``: the
+        energy of all bonds that a plane through the bulk cuts (Silling's integral with the response of eq. 2).
+
+        Parameters
+        ----------
+        internal_length : float, dimension length
+        cutoff_ratio : float
+            ``r_c / l``.
+        """
+        if self.fracture_energy is None:
+            return self.critical_stretch
+        a = cutoff_ratio
+        share = math.erf(a) - 2.0 / math.sqrt(math.pi) * math.exp(-a * a) * (2.0 / 3.0 * a**3 + a)
+        whole = 27.0 * math.sqrt(math.pi) / 16.0 * self.bulk_modulus * internal_length
+        return math.sqrt(self.fracture_energy / (whole * share))
 
     @property
     def bulk_modulus(self) -> float:
@@ -293,12 +329,15 @@ class Region(Table):
     model : "finite_elements" or "peridynamics"
     lower, upper : three floats or None, dimension length
         The cells whose centroid lies in this closed box; None (default) sets no limit on that side.
+    may_fail : bool
+        False: bonds with an end in this region never break.
     """
 
     name: str = key(min_length=1, remedy="Give the region a name that loads and supports can refer to.")
     model: Literal["finite_elements", "peridynamics"] = key(remedy="Give the model that describes its cells.")
     lower: Vector | None = key(None, dimension="length")
     upper: Vector | None = key(None, dimension="length")
+    may_fail: bool = key(True)
 
     def problems(self) -> list[Problem]:
         """Corners in order."""
@@ -317,12 +356,19 @@ class Peridynamics(Table):
     surface_correction : "none" or "appendix_a"
     kinematics : "linear" or "finite"
         Stretch linear in the displacement, or the paper's.
+    stiffness_noise : float, 0 to below 1, dimension 1
+        Every bond's stiffness is multiplied by a factor drawn evenly from ``1 +- stiffness_noise``: the imperfect
+        twin of a symmetric body.
+    seed : int, 0 to 2^32 - 1
+        Of the noise; the factors depend on it and on the bond alone.
     """
 
     internal_length: float | None = key(None, gt=0, dimension="length")
     cutoff_radius: float | None = key(None, gt=0, dimension="length")
     surface_correction: Literal["none", "appendix_a"] = key("appendix_a")
     kinematics: Literal["linear", "finite"] = key("finite")
+    stiffness_noise: float = key(0.0, ge=0, lt=1, dimension="1")
+    seed: int = key(0, ge=0, lt=2**32)
 
     def problems(self) -> list[Problem]:
         """A cutoff radius that is not below the internal length."""
@@ -537,12 +583,13 @@ class Solver(Table):
     max_evaluations: int = key(200_000, ge=1)
 
 
-class Stepping(Table):
-    """The load program; deck table ``[stepping]``.
+class Steps(Table):
+    """Equilibrium at given load factors; deck table ``[stepping]`` with ``kind = "steps"``, which may be left out.
+
+    Where bonds can break, those beyond their critical stretch break at each load until none is.
 
     Attributes
     ----------
-    kind : "steps"
     load_factors : floats, dimension 1
         Equilibrium is found at each; strictly rising from 0 (or strictly falling from 0).
     """
@@ -565,6 +612,79 @@ class Stepping(Table):
                     )
                 ]
         return []
+
+
+class Ramp(Table):
+    """The paper's load program (sec. 4.2): the load rises at each relaxation iteration; ``kind = "ramp"``.
+
+    Attributes
+    ----------
+    increment : float, > 0, dimension 1
+        Of the load factor, an iteration.
+    end_load_factor : float, > 0, dimension 1
+        The run ends here,
+    end_reaction : float, 0 to below 1, dimension 1
+        or when the reaction has fallen below this fraction of its peak.
+    report_every : int, >= 1
+        Iterations between two rows of the history, which are frames of the fields as well.
+    """
+
+    kind: Literal["ramp"]
+    increment: float = key(gt=0, dimension="1", remedy="Give the rise of the load factor an iteration, e.g. 1.0e-6.")
+    end_load_factor: float = key(1.0, gt=0, dimension="1")
+    end_reaction: float = key(0.05, ge=0, lt=1, dimension="1")
+    report_every: int = key(1000, ge=1)
+
+    def problems(self) -> list[Problem]:
+        """A ramp of at least one iteration."""
+        if self.increment <= self.end_load_factor:
+            return []
+        return [
+            Problem(
+                "increment",
+                f"= {show(self.increment)} is above end_load_factor = {show(self.end_load_factor)}: a ramp without an "
+                "iteration. Use a smaller increment.",
+            )
+        ]
+
+
+class Events(Table):
+    """From break to break at exact loads; ``kind = "events"``.
+
+    Attributes
+    ----------
+    eta : float, 1e-6 to below 0.5, dimension 1
+        Bonds within this fraction of their critical stretch break together with the first.
+    inner_iterations : int, >= 1
+        Sweeps of relaxation between two batches of breaks in an avalanche.
+    arrest_tolerance : float, above 0 and below 1, dimension 1
+        Relative residual below which a state without further breaks counts as stable.
+    end_load_factor : float or None, > 0, dimension 1
+        The run ends here; None (default): no such limit.
+    end_reaction : float, above 0 and below 1, dimension 1
+        The run ends when the reaction at held load has fallen below this fraction of the peak.
+    control : "load" or "energy"
+        "load": broken bonds unload the body at a held load, until none is left to break. "energy": after each batch
+        the load is scaled so that the next bond is about to break, which follows snap-backs.
+    report_every : int, >= 1
+        Batches between two rows of the history within an avalanche.
+    """
+
+    kind: Literal["events"]
+    eta: float = key(1.0e-3, ge=1e-6, lt=0.5, dimension="1")
+    inner_iterations: int = key(8, ge=1)
+    arrest_tolerance: float = key(1.0e-3, gt=0, lt=1, dimension="1")
+    end_load_factor: float | None = key(None, gt=0, dimension="1")
+    end_reaction: float = key(0.05, gt=0, lt=1, dimension="1")
+    control: Literal["load", "energy"] = key("load")
+    report_every: int = key(10, ge=1)
+
+
+def _steps_by_default(value: Any) -> Any:
+    return {"kind": "steps", **value} if isinstance(value, dict) else value
+
+
+Stepping = Annotated[Steps | Ramp | Events, Field(discriminator="kind"), BeforeValidator(_steps_by_default)]
 
 
 #: Results of a bar probe, listed beside those of other probes.
@@ -672,7 +792,7 @@ class Scene(Table):
     loads: tuple[Load, ...] = key(())
     supports: tuple[Support, ...] = key(())
     solver: Solver = Field(default_factory=Solver)
-    stepping: Stepping = Field(default_factory=Stepping)
+    stepping: Stepping = Field(default_factory=Steps)
     probes: tuple[Probe, ...] = key(())
     output: Output = Field(default_factory=Output)
 
@@ -700,6 +820,68 @@ def _check_cracks(cracks: Sequence[Crack], regions: Sequence[Region]) -> list[Pr
     if not cracks or _has_model(regions, "peridynamics"):
         return []
     return [Problem("cracks", "cut bonds, and no region has any. Describe the region of the crack by peridynamics.")]
+
+
+def _check_failure(material: Material, regions: Sequence[Region], stepping: Any) -> list[Problem]:
+    """Failure needs bonds that may break, and a program that breaks them needs failure."""
+    if not _has_model(regions, "peridynamics"):
+        if not material.can_fail:
+            return _needs_failure(stepping, "finite elements do not break. Describe a region by peridynamics.")
+        which = "critical_stretch" if material.critical_stretch is not None else "fracture_energy"
+        return [
+            Problem(
+                f"material.{which}",
+                "breaks bonds, and no region has any. Remove it, or describe a region by peridynamics.",
+            )
+        ]
+    if not material.can_fail:
+        return _needs_failure(
+            stepping, "nothing says when bonds break. Give material.critical_stretch or material.fracture_energy."
+        )
+    if not any(region.may_fail for region in regions if region.model == "peridynamics"):
+        return [
+            Problem("regions", "with peridynamics all have may_fail = false: no bond can break. Let one of them fail.")
+        ]
+    return []
+
+
+def _needs_failure(stepping: Any, reason: str) -> list[Problem]:
+    if stepping.kind == "steps":
+        return []
+    return [Problem("stepping.kind", f"= {show(stepping.kind)} follows failure, and {reason}")]
+
+
+def _check_stepping_solver(stepping: Any, solver: Solver) -> list[Problem]:
+    needed = {"ramp": "adr", "events": "cg"}.get(stepping.kind, solver.kind)
+    if solver.kind == needed:
+        return []
+    return [
+        Problem(
+            "solver.kind",
+            f"= {show(solver.kind)} does not go with stepping.kind = {show(stepping.kind)}, which "
+            + ("is relaxation" if needed == "adr" else "needs a solver for equilibrium")
+            + f'. Use "{needed}".',
+        )
+    ]
+
+
+def _check_something_loads(stepping: Any, loads: Sequence[Any], supports: Sequence[Support]) -> list[Problem]:
+    """Failure needs a load: a force, or a support that moves."""
+    amounts = [
+        component
+        for load in loads
+        for vector in (getattr(load, "total", None), getattr(load, "density", None), getattr(load, "traction", None))
+        for component in vector or ()
+    ] + [component for support in supports for component in (support.x, support.y, support.z)]
+    if stepping.kind == "steps" or any(amounts):
+        return []
+    return [
+        Problem(
+            "stepping.kind",
+            f"= {show(stepping.kind)} raises the load until bonds break, and nothing loads the body. "
+            "Add a table [[loads]], or a support that moves.",
+        )
+    ]
 
 
 def _has_model(regions: Sequence[Region], model: str) -> bool:
@@ -826,6 +1008,9 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("material", "regions"), _check_poissons_ratio),
     (("mesh", "peridynamics", "regions"), _check_cutoff),
     (("cracks", "regions"), _check_cracks),
+    (("material", "regions", "stepping"), _check_failure),
+    (("stepping", "solver"), _check_stepping_solver),
+    (("stepping", "loads", "supports"), _check_something_loads),
     (("regions",), _check_region_names),
     (("probes",), _check_probe_names),
     (("regions", "loads"), _check_references),

@@ -40,7 +40,9 @@ class State:
         Load steps completed.
     load_factor : float
     iteration : int
-        Relaxation iterations since the load last changed.
+        Relaxation iterations since the load last changed, or of the ramp.
+    program : dict of numbers
+        What the load program needs to go on.
     """
 
     fields: dict[str, np.ndarray]
@@ -48,6 +50,7 @@ class State:
     step: int = 0
     load_factor: float = 0.0
     iteration: int = 0
+    program: dict[str, float] = field(default_factory=dict)
 
     @property
     def u(self) -> np.ndarray:

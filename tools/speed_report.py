@@ -252,7 +252,8 @@ hole (section 4.2) on {ranks} ranks, {processor()}. {idle}
   series over the region's size tell what a larger one costs.
 * **float32**: bonds are always stored in float32 (K and 1/r0^2) and computed in float64; there is no other storage to
   compare with, so no series. The rounding changes forces by at most 5e-8 of the largest (`docs/performance.md`; a test
-  holds it below 1e-7): about 1e-5 percent, below every error of a case with bonds. Both sides of a solver error share it.
+  holds it below 1e-7): about 1e-5 percent, below every error of a case with bonds. Both sides of a
+  solver error share it.
 """
 
 

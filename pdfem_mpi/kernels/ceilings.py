@@ -102,11 +102,11 @@ def gather(table, index):
 
 
 @njit(**_options)
-def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table):
+def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table, limit):
     """The row loop of `peridynamics.add_forces_series_failing` with plain float sums, whose bits depend on their order.
 
     Parameters are those of the sweep, without the integer view, and without the extremes of ``e`` that the quanta need.
-    Bonds beyond the limit are noticed, not broken.
+    Bonds with ``e`` beyond the limit are noticed, not broken.
 
     Returns
     -------
@@ -145,7 +145,7 @@ def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table
             store(S, b + _V7, fnma(f, gy, load(S, b + _V7)))
             store(S, b + _V8, fnma(f, gz, load(S, b + _V8)))
             e, gx, gy, gz, b, o = e_next, hx, hy, hz, b_next, o_next
-        if lanes(above(top, load(table, _V5))) != 0:
+        if lanes(above(top, splat(limit))) != 0:
             count += 1
         S[own + 6 * W] += hsum(fx)
         S[own + 7 * W] += hsum(fy)
@@ -159,5 +159,5 @@ SIGNATURES = {
     triad: types.void(_f8, _f8, _f8, _real),
     multiply_add: _real(_int, _f8),
     gather: _real(_f8, types.uint32[::1]),
-    add_forces_plain_sums: _int(_int, _int, types.int64[::1], types.uint32[::1], types.float32[::1], _f8, _f8),
+    add_forces_plain_sums: _int(_int, _int, types.int64[::1], types.uint32[::1], types.float32[::1], _f8, _f8, _real),
 }

@@ -15,9 +15,10 @@ rank; its relative error is about ``0.45 |e|^5``, 1.3e-8 at the limit, 1e-14 at 
 
 **Linear.** ``f = K' (eta . xi) xi`` with ``K' = c exp(-r0^2) g_ij w_i w_j / r0^3``, the undeformed state's tangent.
 
-**Failure (4).** ``s > s_0`` is ``e > (1 + s_0)^2 - 1``. The row loop keeps the largest ``e`` of a point; if it passed
-the limit, the rows are visited again, the forces of the broken bonds are taken back and their stored numbers set to
-0, so that a broken bond is a slot without a bond.
+**Failure (4).** ``s > s_0`` is ``e > (1 + s_0)^2 - 1``, in linear kinematics ``eta . xi > s_0 |xi|^2``. The row loop
+keeps the largest excess of a point over the lowest limit of its class; if it is above 0, the rows are visited again
+with the limit of each pair of classes, the forces of the broken bonds are taken back, the bonds are recorded, and their
+stored numbers set to 0, so that a broken bond is a slot without a bond.
 
 **Sums.** Each component ``p`` of a bond's force is rounded once to a multiple of the quantum ``q`` by ``fma(f, d, M)``,
 ``M = 1.5 * 2**52 q``, and the bit patterns are added as integers: exact, in any order, while ``|p| < 2**51 q``
@@ -33,6 +34,7 @@ from pdfem_mpi.kernels.simd import (
     above,
     both,
     fma,
+    fnma,
     hmax,
     hmin,
     iadd,
@@ -61,21 +63,19 @@ _V1, _V2, _V3, _V4, _V5, _V6, _V7, _V8 = (u8(W * k) for k in range(1, 9))
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
 
-def constants(critical_e, pattern):
-    """Numbers the sweeps read as full vectors: five coefficients, limit of ``e``, ``M``, 1 and the smallest square.
+def constants(pattern):
+    """Numbers the sweeps read as full vectors: five coefficients, ``M``, 1 and the smallest square.
 
     Parameters
     ----------
-    critical_e : float
-        ``(1 + s_0)^2 - 1``, or infinity.
     pattern : float
         ``M = 1.5 * 2**52 * quantum``.
 
     Returns
     -------
-    float64, shape (36,)
+    float64, shape (32,)
     """
-    return np.repeat(np.array((*SERIES, critical_e, pattern, 1.0, SMALLEST_SQUARE)), W)
+    return np.repeat(np.array((*SERIES, pattern, 1.0, SMALLEST_SQUARE)), W)
 
 
 @njit(inline="always")
@@ -89,8 +89,8 @@ def _series(k, e, table):
 @njit(inline="always")
 def _closed(k, e, table):
     """``K phi(e)`` in closed form, for large stretch and compression."""
-    square = largest(load(table, _V7) + e, load(table, _V8))
-    return k * ((square - load(table, _V7)) / (square + root(square)))
+    square = largest(load(table, _V6) + e, load(table, _V7))
+    return k * ((square - load(table, _V6)) / (square + root(square)))
 
 
 def _finite_sweep(closed, failing):
@@ -100,7 +100,10 @@ def _finite_sweep(closed, failing):
     """
 
     @njit(**_options)
-    def add_bond_forces(first, last, row_start, row_offset, row_data, S, SI, table, extremes):
+    def add_bond_forces(
+        first, last, row_start, row_offset, row_data, S, SI, table, extremes,
+        class_of, trigger, critical, pairs, strengths, counter,
+    ):  # fmt: skip
         """Add the force of every bond of the rows of points ``first:last`` to both of its points (eqs 2-4, 14).
 
         Parameters
@@ -113,25 +116,41 @@ def _finite_sweep(closed, failing):
             ``K`` and ``1 / r0^2`` of the four slots; zeroed for bonds that break.
         S, SI : float64, int64, shape (n_clusters * 36,)
             The table and its view as integers; force rows are added to.
-        table : float64, shape (36,)
+        table : float64, shape (32,)
             From `constants`.
         extremes : float64, shape (2,)
             Largest and smallest ``e`` met on intact bonds; widened.
+        class_of : uint8, shape (n_clusters,)
+            Class of each cluster's points; this and what follows matters to the failing sweeps only.
+        trigger : float64, shape (n_classes,)
+            Lowest limit of ``e`` of a bond with a point of the class.
+        critical : float64, shape (n_classes, n_classes)
+            Limit of ``e`` by the classes of the two points: ``(1 + s_0)^2 - 1``.
+        pairs : int64, shape (capacity, 2)
+            Local points of the bonds that broke.
+        strengths : float32, shape (capacity, 2)
+            ``K`` and ``1 / r0^2`` of these bonds.
+        counter : int64, shape (1,)
+            Number of records; raised.
 
         Returns
         -------
         int
-            Number of bonds that broke.
+            The point to go on with: ``last``, or an earlier one before which the records could overflow.
         """
         zero = splat(0.0)
         peak = splat(extremes[0])
         floor = splat(extremes[1])
-        count = 0
+        count = counter[0]
+        after = last
         for i in range(first, last):
             r = u8(row_start[i])
             end = u8(row_start[i + 1])
             if end <= r:
                 continue
+            if failing and count + W * (row_start[i + 1] - row_start[i]) > pairs.shape[0]:
+                after = i
+                break
             c = i // W
             own = c * 9 * W + (i - c * W)
             ux = splat(S[own])
@@ -175,7 +194,7 @@ def _finite_sweep(closed, failing):
                 floor = smallest(e, floor)
                 k = load(row_data, o)
                 f = _closed(k, e, table) if closed else _series(k, e, table)
-                M = load(table, _V6)
+                M = load(table, _V5)
                 px = fma(f, gx, M)
                 py = fma(f, gy, M)
                 pz = fma(f, gz, M)
@@ -191,8 +210,8 @@ def _finite_sweep(closed, failing):
                 gz = hz
                 b = b_next
                 o = o_next
-            if failing and lanes(above(top, load(table, _V5))) != 0:
-                # rare: some bond of this point has passed the critical stretch
+            if failing and lanes(above(top, splat(trigger[class_of[c]]))) != 0:
+                # rare: some bond of this point may have passed its critical stretch
                 top = zero
                 for row in range(u8(row_start[i]), end):
                     b = u8(row_offset[row])
@@ -204,11 +223,11 @@ def _finite_sweep(closed, failing):
                     gy = load(S, b + _V4) - zy
                     gz = load(S, b + _V5) - zz
                     e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + _V1)
-                    broken = above(e, load(table, _V5))
+                    broken = above(e, splat(critical[class_of[c], class_of[b // u8(9 * W)]]))
                     if lanes(broken) == 0:
                         top = largest(e, top)
                         continue
-                    M = load(table, _V6)
+                    M = load(table, _V5)
                     k = load(row_data, o)
                     f = both(_closed(k, e, table) if closed else _series(k, e, table), broken)
                     px = isub(fma(f, gx + dx, M), M)
@@ -223,6 +242,10 @@ def _finite_sweep(closed, failing):
                     top = largest(isub(e, both(e, broken)), top)  # e of the intact lanes, 0 on the broken
                     for lane in range(W):
                         if (lanes(broken) >> lane) & 1 and row_data[o + u8(lane)] != 0:
+                            pairs[count, 0] = i
+                            pairs[count, 1] = np.int64(b // u8(9 * W)) * W + lane
+                            strengths[count, 0] = row_data[o + u8(lane)]
+                            strengths[count, 1] = row_data[o + u8(W + lane)]
                             row_data[o + u8(lane)] = 0
                             row_data[o + u8(W + lane)] = 0
                             count += 1
@@ -232,7 +255,8 @@ def _finite_sweep(closed, failing):
             SI[own + 8 * W] += ihsum(fz)
         extremes[0] = hmax(peak)
         extremes[1] = hmin(floor)
-        return count
+        counter[0] = count
+        return after
 
     return add_bond_forces
 
@@ -241,85 +265,141 @@ add_forces_series = _finite_sweep(closed=False, failing=False)
 add_forces_closed = _finite_sweep(closed=True, failing=False)
 add_forces_series_failing = _finite_sweep(closed=False, failing=True)
 add_forces_closed_failing = _finite_sweep(closed=True, failing=True)
-#: By (series, failing).
-FINITE_SWEEPS = {
-    (True, False): add_forces_series,
-    (False, False): add_forces_closed,
-    (True, True): add_forces_series_failing,
-    (False, True): add_forces_closed_failing,
+
+
+def _linear_sweep(failing):
+    """Build the sweep of linear kinematics, with or without failure (a constant to the compiler)."""
+
+    @njit(**_options)
+    def add_bond_forces(
+        first, last, row_start, row_offset, row_data, S, SI, table, extremes,
+        class_of, trigger, critical, pairs, strengths, counter,
+    ):  # fmt: skip
+        """Add the linearised bond forces ``K' (eta . xi) xi`` of the rows of points ``first:last``.
+
+        Parameters and result are those of the finite sweep, with one number a slot (``row_data`` of shape ((n_rows +
+        1) * 4,)), positions in rows 3-5 of the table, limits of the stretch instead of ``e``, and ``extremes[0]`` the
+        largest ``|K' (eta . xi)|``, force / length: a component of a bond's force is at most that times the longest
+        bond.
+        """
+        zero = splat(0.0)
+        peak = splat(extremes[0])
+        count = counter[0]
+        after = last
+        for i in range(first, last):
+            r = u8(row_start[i])
+            end = u8(row_start[i + 1])
+            if end <= r:
+                continue
+            if failing and count + W * (row_start[i + 1] - row_start[i]) > pairs.shape[0]:
+                after = i
+                break
+            c = i // W
+            own = c * 9 * W + (i - c * W)
+            ux = splat(S[own])
+            uy = splat(S[own + W])
+            uz = splat(S[own + 2 * W])
+            zx = splat(S[own + 3 * W])
+            zy = splat(S[own + 4 * W])
+            zz = splat(S[own + 5 * W])
+            fx = zero
+            fy = zero
+            fz = zero
+            limit = splat(trigger[class_of[c]]) if failing else zero
+            excess = zero
+            b = u8(row_offset[r])
+            gx = load(S, b + _V3) - zx
+            gy = load(S, b + _V4) - zy
+            gz = load(S, b + _V5) - zz
+            k = load(row_data, r * _V1)
+            f = fma(load(S, b) - ux, gx, fma(load(S, b + _V1) - uy, gy, (load(S, b + _V2) - uz) * gz))
+            f = f * k
+            while r < end:
+                r += _1  # past the last row this reads harmless numbers, hence one padding row
+                b_next = u8(row_offset[r])
+                hx = load(S, b_next + _V3) - zx
+                hy = load(S, b_next + _V4) - zy
+                hz = load(S, b_next + _V5) - zz
+                k_next = load(row_data, r * _V1)
+                f_next = fma(
+                    load(S, b_next) - ux,
+                    hx,
+                    fma(load(S, b_next + _V1) - uy, hy, (load(S, b_next + _V2) - uz) * hz),
+                )
+                f_next = f_next * k_next
+                peak = largest(magnitude(f), peak)
+                if failing:
+                    excess = largest(fnma(limit, k * fma(gx, gx, fma(gy, gy, gz * gz)), f), excess)
+                    k = k_next
+                M = load(table, _V5)
+                px = fma(f, gx, M)
+                py = fma(f, gy, M)
+                pz = fma(f, gz, M)
+                fx = iadd(fx, px)
+                fy = iadd(fy, py)
+                fz = iadd(fz, pz)
+                store(S, b + _V6, isub(load(S, b + _V6), px))
+                store(S, b + _V7, isub(load(S, b + _V7), py))
+                store(S, b + _V8, isub(load(S, b + _V8), pz))
+                f = f_next
+                gx = hx
+                gy = hy
+                gz = hz
+                b = b_next
+            if failing and lanes(above(excess, zero)) != 0:
+                # rare: some bond of this point may have passed its critical stretch
+                for row in range(u8(row_start[i]), end):
+                    b = u8(row_offset[row])
+                    o = u8(row) * _V1
+                    k = load(row_data, o)
+                    gx = load(S, b + _V3) - zx
+                    gy = load(S, b + _V4) - zy
+                    gz = load(S, b + _V5) - zz
+                    f = fma(load(S, b) - ux, gx, fma(load(S, b + _V1) - uy, gy, (load(S, b + _V2) - uz) * gz))
+                    f = f * k
+                    limit = splat(critical[class_of[c], class_of[b // u8(9 * W)]])
+                    broken = above(fnma(limit, k * fma(gx, gx, fma(gy, gy, gz * gz)), f), zero)
+                    if lanes(broken) == 0:
+                        continue
+                    M = load(table, _V5)
+                    f = both(f, broken)
+                    px = isub(fma(f, gx, M), M)
+                    py = isub(fma(f, gy, M), M)
+                    pz = isub(fma(f, gz, M), M)
+                    fx = isub(fx, px)
+                    fy = isub(fy, py)
+                    fz = isub(fz, pz)
+                    store(S, b + _V6, iadd(load(S, b + _V6), px))
+                    store(S, b + _V7, iadd(load(S, b + _V7), py))
+                    store(S, b + _V8, iadd(load(S, b + _V8), pz))
+                    for lane in range(W):
+                        if (lanes(broken) >> lane) & 1:
+                            pairs[count, 0] = i
+                            pairs[count, 1] = np.int64(b // u8(9 * W)) * W + lane
+                            strengths[count, 0] = row_data[o + u8(lane)]
+                            row_data[o + u8(lane)] = 0
+                            count += 1
+            SI[own + 6 * W] += ihsum(fx)
+            SI[own + 7 * W] += ihsum(fy)
+            SI[own + 8 * W] += ihsum(fz)
+        extremes[0] = hmax(peak)
+        counter[0] = count
+        return after
+
+    return add_bond_forces
+
+
+add_forces_linear = _linear_sweep(failing=False)
+add_forces_linear_failing = _linear_sweep(failing=True)
+#: By (finite, series, failing).
+SWEEPS = {
+    (True, True, False): add_forces_series,
+    (True, False, False): add_forces_closed,
+    (True, True, True): add_forces_series_failing,
+    (True, False, True): add_forces_closed_failing,
+    (False, False, False): add_forces_linear,
+    (False, False, True): add_forces_linear_failing,
 }
-
-
-@njit(**_options)
-def add_forces_linear(first, last, row_start, row_offset, row_data, S, SI, table, extremes):
-    """Add the linearised bond forces ``K' (eta . xi) xi`` of the rows of points ``first:last``.
-
-    Parameters are those of the finite sweep, with one number a slot (``row_data`` of shape ((n_rows + 1) * 4,)),
-    positions in rows 3-5 of the table, and ``extremes[0]`` the largest ``|K' (eta . xi)|``, force / length: a
-    component of a bond's force is at most that times the longest bond.
-
-    Returns
-    -------
-    int
-        0: linear sweeps break nothing.
-    """
-    zero = splat(0.0)
-    peak = splat(extremes[0])
-    for i in range(first, last):
-        r = u8(row_start[i])
-        end = u8(row_start[i + 1])
-        if end <= r:
-            continue
-        c = i // W
-        own = c * 9 * W + (i - c * W)
-        ux = splat(S[own])
-        uy = splat(S[own + W])
-        uz = splat(S[own + 2 * W])
-        zx = splat(S[own + 3 * W])
-        zy = splat(S[own + 4 * W])
-        zz = splat(S[own + 5 * W])
-        fx = zero
-        fy = zero
-        fz = zero
-        b = u8(row_offset[r])
-        gx = load(S, b + _V3) - zx
-        gy = load(S, b + _V4) - zy
-        gz = load(S, b + _V5) - zz
-        f = fma(load(S, b) - ux, gx, fma(load(S, b + _V1) - uy, gy, (load(S, b + _V2) - uz) * gz))
-        f = f * load(row_data, r * _V1)
-        while r < end:
-            r += _1
-            b_next = u8(row_offset[r])
-            hx = load(S, b_next + _V3) - zx
-            hy = load(S, b_next + _V4) - zy
-            hz = load(S, b_next + _V5) - zz
-            f_next = fma(
-                load(S, b_next) - ux,
-                hx,
-                fma(load(S, b_next + _V1) - uy, hy, (load(S, b_next + _V2) - uz) * hz),
-            )
-            f_next = f_next * load(row_data, r * _V1)
-            peak = largest(magnitude(f), peak)
-            M = load(table, _V6)
-            px = fma(f, gx, M)
-            py = fma(f, gy, M)
-            pz = fma(f, gz, M)
-            fx = iadd(fx, px)
-            fy = iadd(fy, py)
-            fz = iadd(fz, pz)
-            store(S, b + _V6, isub(load(S, b + _V6), px))
-            store(S, b + _V7, isub(load(S, b + _V7), py))
-            store(S, b + _V8, isub(load(S, b + _V8), pz))
-            f = f_next
-            gx = hx
-            gy = hy
-            gz = hz
-            b = b_next
-        SI[own + 6 * W] += ihsum(fx)
-        SI[own + 7 * W] += ihsum(fy)
-        SI[own + 8 * W] += ihsum(fz)
-    extremes[0] = hmax(peak)
-    return 0
 
 
 @njit(**_options)
@@ -329,13 +409,13 @@ def add_forces_tangent(first, last, row_start, row_offset, row_data, S, SI, tabl
     With ``y`` the deformed bond and ``q = |y|^2 / r0^2 = 1 + e``, the derivative of ``2 K (1 - q^(-1/2)) y`` is
     ``2 K [(1 - q^(-1/2)) v + q^(-3/2) / r0^2 (y . v) y]``.
 
-    Parameters are those of the finite sweep, with ``v`` in rows 0-2 of the table, deformed positions in rows 3-5, and
-    ``extremes[0]`` the largest component of a bond's force, dimension force.
+    Parameters are those of the finite sweep up to ``extremes``, with ``v`` in rows 0-2 of the table, deformed positions
+    in rows 3-5, and ``extremes[0]`` the largest component of a bond's force, dimension force.
 
     Returns
     -------
     int
-        0.
+        ``last``.
     """
     zero = splat(0.0)
     peak = splat(extremes[0])
@@ -356,12 +436,12 @@ def add_forces_tangent(first, last, row_start, row_offset, row_data, S, SI, tabl
             k = load(row_data, row * 2 * W)
             k = k + k
             inverse = load(row_data, row * 2 * W + W)
-            one = load(table, 7 * W)
-            q = largest(fma(yx, yx, fma(yy, yy, yz * yz)) * inverse, load(table, 8 * W))
+            one = load(table, 6 * W)
+            q = largest(fma(yx, yx, fma(yy, yy, yz * yz)) * inverse, load(table, 7 * W))
             shrink = one / root(q)
             across = k * (one - shrink)
             along = k * shrink * inverse / q * fma(yx, vx, fma(yy, vy, yz * vz))
-            M = load(table, 6 * W)
+            M = load(table, 5 * W)
             px = fma(across, vx, fma(along, yx, M))
             py = fma(across, vy, fma(along, yy, M))
             pz = fma(across, vz, fma(along, yz, M))
@@ -376,7 +456,7 @@ def add_forces_tangent(first, last, row_start, row_offset, row_data, S, SI, tabl
         SI[own + 7 * W] += ihsum(fy)
         SI[own + 8 * W] += ihsum(fz)
     extremes[0] = hmax(peak)
-    return 0
+    return last
 
 
 @njit(**_options)
@@ -496,14 +576,19 @@ def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite):
 
 _f8, _i8, _int, _real = types.float64[::1], types.int64[::1], types.int64, types.float64
 _rows = (_i8, types.uint32[::1], types.float32[::1])
-_sweep = _int(_int, _int, *_rows, _f8, _i8, _f8, _f8)
+_tangent_sweep = _int(_int, _int, *_rows, _f8, _i8, _f8, _f8)
+_records = (types.int64[:, ::1], types.float32[:, ::1], _i8)
+_sweep = _int(
+    _int, _int, *_rows, _f8, _i8, _f8, _f8, types.uint8[::1], _f8, types.float64[:, ::1], *_records
+)
 SIGNATURES = {
     add_forces_series: _sweep,
     add_forces_closed: _sweep,
     add_forces_series_failing: _sweep,
     add_forces_closed_failing: _sweep,
     add_forces_linear: _sweep,
-    add_forces_tangent: _sweep,
+    add_forces_linear_failing: _sweep,
+    add_forces_tangent: _tangent_sweep,
     load_displacements: types.void(_f8, _f8, _f8, _int, types.boolean),
     complete_z: types.void(_int, _int, _f8, _f8),
     reset_forces: types.void(_i8, _i8, _int),

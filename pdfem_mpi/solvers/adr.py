@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from pdfem_mpi.failure import Failure
 from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
@@ -35,6 +37,79 @@ def damping_coefficient(work: float, square: float) -> float:
         return 0.0
     damping = 2.0 * math.sqrt(work / square)
     return damping if damping < 2.0 else LARGEST_DAMPING
+
+
+@dataclass(frozen=True)
+class Sums:
+    """What one evaluation tells.
+
+    Attributes
+    ----------
+    relative, residual : float
+        Norm of the residual force on the free unknowns, relative to ``reference`` and absolute.
+    reference : float, dimension force
+        Norm of the external force or, where larger, of the reactions.
+    damping : float
+        Coefficient of eq. (31).
+    """
+
+    relative: float
+    residual: float
+    reference: float
+    damping: float
+
+
+class Relaxation:
+    """Iterations of relaxation on a state; all methods are collective.
+
+    Parameters
+    ----------
+    forces : Forces
+    fixed : bool, shape (n_unknowns,)
+
+    Attributes
+    ----------
+    force : float64, shape (n_unknowns,)
+        Residual force of the last evaluation.
+    """
+
+    def __init__(self, forces: Forces, fixed: np.ndarray):
+        mass = forces.model.mass
+        self.forces = forces
+        self.inverse_mass = np.where(fixed | (mass == 0.0), 0.0, 1.0 / np.maximum(mass, 1e-300))
+        self.force = np.empty_like(mass)
+
+    def evaluate(
+        self, state: State, external: np.ndarray, load: float, failure: Failure | None = None
+    ) -> Sums:
+        """Evaluate the forces, bonds breaking if a ``failure`` is given; ``load`` is the norm of ``external``.
+
+        Raises
+        ------
+        NotFinite
+            On all ranks alike.
+        """
+        forces = self.forces
+        u, v, previous_force = (state.fields[name] for name in ("u", "v", "previous_force"))
+        while True:
+            forces.evaluate(u, external, self.force, failure)
+            digits = np.zeros((N_SUMS, SIZE), np.int64)
+            add_damping_sums(u, v, self.force, previous_force, self.inverse_mass, digits)
+            joined = sum_integers(forces.model.comm, np.concatenate([digits.reshape(-1), forces.flags()]))
+            if forces.check_bounds(joined[-3:]):
+                break
+        work, square, residual, reaction = (value(row) for row in joined[:-3].reshape(N_SUMS, SIZE))
+        if math.isnan(square) or math.isnan(residual) or math.isnan(load):
+            raise NotFinite(forces.describe_not_finite(u, self.force))
+        residual, reference = math.sqrt(residual), max(load, math.sqrt(reaction))
+        relative = residual / reference if reference > 0.0 else residual
+        return Sums(relative, residual, reference, damping_coefficient(work, square))
+
+    def advance(self, state: State, damping: float) -> None:
+        """Take one step."""
+        u, v, previous_force = (state.fields[name] for name in ("u", "v", "previous_force"))
+        advance(u, v, self.force, previous_force, self.inverse_mass, damping, state.iteration == 0)
+        state.iteration += 1
 
 
 def solve(
@@ -66,39 +141,25 @@ def solve(
     NotConverged, NotFinite
         On all ranks alike.
     """
-    u, v, previous_force = (state.fields[name] for name in ("u", "v", "previous_force"))
-    inverse_mass = np.where(
-        fixed | (forces.model.mass == 0.0), 0.0, 1.0 / np.maximum(forces.model.mass, 1e-300)
-    )
-    force = np.empty_like(u)
-    (load,) = exact_dots(forces.model.comm, [(external, external)])
+    relaxation = Relaxation(forces, fixed)
+    (square,) = exact_dots(forces.model.comm, [(external, external)])
+    load = math.sqrt(square)
     before = forces.evaluations
     while True:
-        forces.evaluate(u, external, force)
-        sums = np.zeros((N_SUMS, SIZE), np.int64)
-        add_damping_sums(u, v, force, previous_force, inverse_mass, sums)
-        joined = sum_integers(forces.model.comm, np.concatenate([sums.reshape(-1), forces.flags()]))
+        sums = relaxation.evaluate(state, external, load)
         used = forces.evaluations - before
-        if not forces.check_bounds(joined[-3:]):
-            continue
-        work, square, residual, reaction = (value(row) for row in joined[:-3].reshape(N_SUMS, SIZE))
-        if math.isnan(square) or math.isnan(residual) or math.isnan(load):
-            raise NotFinite(forces.describe_not_finite(u, force))
-        reference = math.sqrt(max(load, reaction))
-        relative = math.sqrt(residual) / reference if reference > 0.0 else math.sqrt(residual)
-        damping = damping_coefficient(work, square)
-        watch(Progress(state.iteration, relative, damping))
-        if relative <= tolerance:
-            return Convergence(used, relative)
-        if relative > DIVERGED:
+        watch(Progress(state.iteration, sums.relative, sums.damping))
+        if sums.relative <= tolerance:
+            return Convergence(used, sums.relative)
+        if sums.relative > DIVERGED:
             raise NotConverged(
-                f"relaxation diverged: the relative residual is {relative:.3g} after {used} evaluations. Eq. (11) "
+                f"relaxation diverged: the relative residual is {sums.relative:.3g} after {used} evaluations. Eq. (11) "
                 'does not bound every body (rods one cell thick, for one): solver.kind = "cg" does not need it.'
             )
         if used >= max_evaluations:
             raise NotConverged(
-                f"solver.max_evaluations = {max_evaluations} were used up at a relative residual of {relative:.3g}, "
-                f"above solver.tolerance = {tolerance:.3g}. Allow more evaluations or a larger tolerance."
+                f"solver.max_evaluations = {max_evaluations} were used up at a relative residual of "
+                f"{sums.relative:.3g}, above solver.tolerance = {tolerance:.3g}. Allow more evaluations or a larger "
+                "tolerance."
             )
-        advance(u, v, force, previous_force, inverse_mass, damping, state.iteration == 0)
-        state.iteration += 1
+        relaxation.advance(state, sums.damping)

@@ -3,12 +3,16 @@
 A block is stored as its six entries xx, yy, zz, xy, yz, zx.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from pdfem_mpi.bonds import start_sums, sums_table
+from pdfem_mpi.failure import Broken
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS
+from pdfem_mpi.kernels.failure import add_broken_blocks
 from pdfem_mpi.kernels.preconditioner import add_point_blocks
-from pdfem_mpi.model import Model, assemble, point_rows
+from pdfem_mpi.model import Model, assemble
 from pdfem_mpi.parallel.comm import largest
 
 #: Directions of a block softer than this fraction of the stiffest block of all are held still.
@@ -17,8 +21,39 @@ SOFTEST = 1e-7
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
 
 
-def point_blocks(model: Model) -> np.ndarray:
-    """Blocks of the owned points, overlap included, shape (n_owned * 8, 6), dimension force / length. Collective."""
+@dataclass
+class PointBlocks:
+    """Blocks of the owned points, overlap included, as exact integer sums over their surviving bonds.
+
+    Attributes
+    ----------
+    sums : int64, shape (n_owned_clusters, 6, 4)
+        By cluster, entry and lane, in quanta.
+    quantum, pattern : float
+    """
+
+    sums: np.ndarray
+    quantum: float
+    pattern: float
+
+    def values(self, points: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Blocks of the chosen points, shape (n, 6), dimension force / length."""
+        return self.sums.swapaxes(1, 2).reshape(-1, 6)[points] * self.quantum
+
+    def take_out(self, model: Model, broken: Broken) -> np.ndarray:
+        """Subtract the stiffness of broken bonds; the owned points that lost some, int64. Collective."""
+        lost = np.zeros((model.points.n_clusters, 6, 4), np.int64)
+        add_broken_blocks(
+            broken.pairs, broken.strengths, model.points.x, model.bonds.finite, self.pattern, lost.reshape(-1)
+        )
+        model.points.halo.scatter_reverse(lost.reshape(-1, 2, 6, 4))
+        lost = lost[: len(self.sums)]
+        self.sums -= lost
+        return np.flatnonzero(lost.any(axis=1).reshape(-1))
+
+
+def point_blocks(model: Model) -> PointBlocks:
+    """Sum up the blocks of the owned points. Collective."""
     points, bonds = model.points, model.bonds
     T, integers = sums_table(points)
     halves = []
@@ -27,9 +62,8 @@ def point_blocks(model: Model) -> np.ndarray:
         for rows in bonds.rows:
             add_point_blocks(*rows.arrays, T.reshape(-1), integers, pattern, bonds.finite, mixed)
         points.halo.scatter_reverse(integers.reshape(-1, 2, 9, 4)[:, :, 6:9])
-        sums = integers.reshape(-1, 9, 4)[: 2 * points.n_owned, 6:9] * quantum
-        halves.append(point_rows(np.ascontiguousarray(sums).reshape(-1)))
-    return np.concatenate(halves, axis=1)
+        halves.append(integers.reshape(-1, 9, 4)[: 2 * points.n_owned, 6:9].copy())
+    return PointBlocks(np.concatenate(halves, axis=1), quantum, pattern)
 
 
 def node_blocks(model: Model, of_points: np.ndarray | None) -> np.ndarray:
@@ -55,14 +89,21 @@ def node_blocks(model: Model, of_points: np.ndarray | None) -> np.ndarray:
     return assemble(model.comm, model.nodes, contributions, 6)
 
 
-def inverted(comm, blocks: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Inverse blocks by eigenvalues; directions without stiffness, and fixed ones, are held still. Collective.
+def softest(comm, blocks: np.ndarray) -> float:
+    """Stiffness below which a direction counts as without any: relative to the stiffest of all blocks. Collective."""
+    return SOFTEST * float(largest(comm, np.array([blocks[:, :3].max(initial=0.0)]))[0])
+
+
+def inverted(blocks: np.ndarray, fixed: np.ndarray, limit: float) -> np.ndarray:
+    """Inverse blocks by eigenvalues; directions without stiffness, and fixed ones, are held still.
 
     Parameters
     ----------
     blocks : float64, shape (n, 6)
     fixed : bool, shape (n, 3)
         Components that do not move.
+    limit : float
+        From `softest`.
 
     Returns
     -------
@@ -71,7 +112,6 @@ def inverted(comm, blocks: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     matrix = blocks[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3).copy()
     matrix[fixed[:, :, None] | fixed[:, None, :]] = 0.0
     values, vectors = np.linalg.eigh(matrix)
-    limit = SOFTEST * float(largest(comm, np.array([values.max(initial=0.0)]))[0])
     inverse = np.where(values > limit, 1.0 / np.maximum(values, max(limit, 1e-300)), 0.0)
     full = np.zeros_like(matrix)
     for d in range(3):

@@ -14,13 +14,14 @@ import numpy as np
 
 from pdfem_mpi.bonds import pattern_for
 from pdfem_mpi.discretization import Discretization
+from pdfem_mpi.failure import Broken
 from pdfem_mpi.forces import Forces
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS
 from pdfem_mpi.kernels.preconditioner import add_block_products, interpolate, restrict
 from pdfem_mpi.loading import LoadCase
 from pdfem_mpi.model import Model, build_intact_elements, local_nodes, point_rows
 from pdfem_mpi.parallel.comm import largest
-from pdfem_mpi.solvers.blocks import inverted, node_blocks, point_blocks
+from pdfem_mpi.solvers.blocks import PointBlocks, inverted, node_blocks, point_blocks, softest
 from pdfem_mpi.solvers.grid import Grid, make_grid
 
 #: Weight of the point blocks beside the cycle, and of the node blocks within it.
@@ -38,6 +39,11 @@ class Preconditioner:
     Attributes
     ----------
     model : Model
+    of_points : PointBlocks or None
+        What the inverse blocks of points are made from.
+    fixed_points : bool, shape (n_free * 8, 3)
+    softest : float, dimension force / length
+        Limit of their inversion, that of the intact body.
     blocks : float64, shape (n_triples, 6)
         Inverse blocks of free points, then of owned nodes.
     forces : Forces
@@ -52,6 +58,9 @@ class Preconditioner:
     """
 
     model: Model
+    of_points: PointBlocks | None
+    fixed_points: np.ndarray
+    softest: float
     blocks: np.ndarray
     forces: Forces
     corners: np.ndarray
@@ -90,6 +99,12 @@ class Preconditioner:
         add_block_products(True, self.blocks[: n // 3], OMEGA, r[:n], z[:n])
         add_block_products(False, self.blocks[n // 3 :], OMEGA, r[n:], z[n:])
 
+    def soften(self, broken: Broken) -> None:
+        """Renew the blocks of points that lost bonds; nodes of the overlap keep theirs. Collective."""
+        points = self.of_points.take_out(self.model, broken)
+        points = points[points < len(self.fixed_points)]
+        self.blocks[points] = inverted(self.of_points.values(points), self.fixed_points[points], self.softest)
+
     def _cycle(self, right: np.ndarray, quantum: float) -> np.ndarray:
         """One symmetric cycle for ``K x = right`` of the intact model, from 0."""
         x, residual = np.zeros_like(right), right.copy()
@@ -114,18 +129,23 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
     local = local_nodes(discretization, intact.subdomain)
     cells = discretization.mesh.cells
     n = model.n_point_unknowns
-    of_points = point_blocks(model) if model.points else None
+    of_points = values = None
     blocks, held = [], np.zeros((len(intact.nodes.number), 3), np.int64)
     corners = np.empty((0, 8), np.int32)
+    limit = 0.0
     if model.points:
-        blocks.append(inverted(model.comm, of_points[: n // 3], point_rows(case.fixed[:n])))
+        of_points = point_blocks(model)
+        values = of_points.values()
+        limit = softest(model.comm, values)
+        blocks.append(inverted(values[: n // 3], point_rows(case.fixed[:n]), limit))
         corners = np.repeat(local[cells[model.subdomain.free]], 8, axis=0)
         # the nodes around fixed points do not move either
         np.add.at(held, corners.reshape(-1), np.repeat(point_rows(case.fixed[:n]), 8, axis=0))
     own_nodes = np.empty(0, np.int32)
     if model.nodes:
         fixed_nodes = case.fixed[n:].reshape(-1, 3)
-        blocks.append(inverted(model.comm, node_blocks(model, of_points), fixed_nodes))
+        of_nodes = node_blocks(model, values)
+        blocks.append(inverted(of_nodes, fixed_nodes, softest(model.comm, of_nodes)))
         own_nodes = local[model.subdomain.owned_nodes]
         held[own_nodes] += fixed_nodes
     intact.nodes.halo.scatter_reverse(held)
@@ -134,12 +154,15 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
     spring = SPRING * float(largest(model.comm, np.array([of_cycle[:, :3].max(initial=0.0)]))[0])
     return Preconditioner(
         model=model,
+        of_points=of_points,
+        fixed_points=point_rows(case.fixed[:n]),
+        softest=limit,
         blocks=np.concatenate(blocks),
         forces=Forces(intact),
         corners=np.ascontiguousarray(corners),
         weights=np.tile(SHAPE_AT_GAUSS, (len(corners) // 8, 1)),
         own_nodes=own_nodes,
         fixed=fixed.reshape(-1),
-        cycle_blocks=inverted(model.comm, of_cycle, fixed),
+        cycle_blocks=inverted(of_cycle, fixed, softest(model.comm, of_cycle)),
         grid=make_grid(intact, discretization.nodes, cells, fixed, spring, case.free_motions),
     )

@@ -17,6 +17,7 @@ LEVELS = (
     ("discretization",),
     ("bonds", "subdomain"),
     ("model", "memory"),
+    ("failure",),
     ("loading", "forces", "results"),
     ("state", "fields"),
     ("probes",),

@@ -85,8 +85,8 @@ def equilibrium(body):
     seen = []
     solver = make_solver(body.scene, body.discretization, body.forces, body.case, seen.append)
     watch = lambda step, progress: seen.append(progress)  # noqa: E731
-    for found in follow_load_program(body.scene, solver, body.forces, body.state, body.case, watch):
-        seen += [found.convergence, found.reaction.tolist(), (found.force_balance, found.moment_balance)]
+    for found in follow_load_program(body.scene, solver, None, body.state, body.case, watch):
+        seen += [found.convergence, found.resultant.tolist(), (found.force_balance, found.moment_balance)]
     return outcome(body, seen)
 
 

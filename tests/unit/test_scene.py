@@ -17,7 +17,7 @@ from pdfem_mpi.scene import (
     Region,
     Scene,
     SceneError,
-    Stepping,
+    Steps,
     Support,
     Table,
     Traction,
@@ -263,12 +263,12 @@ def test_support_of_zero_is_something():
 
 @pytest.mark.parametrize("factors", [(1.0,), (0.5, 1.0), (-1.0, -2.0)])
 def test_monotone_load_factors_are_allowed(factors):
-    assert Stepping(load_factors=factors).load_factors == factors
+    assert Steps(load_factors=factors).load_factors == factors
 
 
 @pytest.mark.parametrize("factors", [(0.0,), (1.0, 1.0), (1.0, 0.5), (-1.0, -0.5), (0.5, -1.0)])
 def test_load_factors_that_turn_back_are_refused(factors):
-    assert only_problem(lambda: Stepping(load_factors=factors)).key == "load_factors"
+    assert only_problem(lambda: Steps(load_factors=factors)).key == "load_factors"
 
 
 def test_references_to_unknown_regions_are_refused():

@@ -153,6 +153,9 @@ class Silence:
     def progress(self, *arguments):
         """Say nothing."""
 
+    def row(self, columns):
+        """Say nothing."""
+
     def table(self, title, rows):
         """Say nothing."""
 

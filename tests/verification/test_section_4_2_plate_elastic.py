@@ -59,7 +59,7 @@ def elements(spacing, tolerance):
     scene = parse_deck(text, "plate_fe.toml", (f"mesh.spacing={spacing}", f"solver.tolerance={tolerance}"))
     body = build(scene)
     solve = make_solver(scene, body.discretization, body.forces, body.case, Silence().line)
-    steps = follow_load_program(scene, solve, body.forces, body.state, body.case, lambda *progress: None)
+    steps = follow_load_program(scene, solve, None, body.state, body.case)
     assert len(list(steps)) == 1
     return scene, body.discretization.mesh, gather_fields(body.discretization, body.forces, body.state.u).u_nodes
 

@@ -19,6 +19,7 @@ from unit.kernels.bodies import (
 )  # fmt: skip
 
 from pdfem_mpi.bonds import Rows, integer_bits, pattern_for
+from pdfem_mpi.failure import UNBREAKABLE
 from pdfem_mpi.kernels import peridynamics
 from pdfem_mpi.kernels.peridynamics import SERIES_LIMIT, SMALLEST_SQUARE
 
@@ -30,16 +31,19 @@ FINITE = {
     "series failing": peridynamics.add_forces_series_failing,
     "closed failing": peridynamics.add_forces_closed_failing,
 }
-SWEEPS = FINITE | {"linear": peridynamics.add_forces_linear}
+LINEAR = {"linear": peridynamics.add_forces_linear, "linear failing": peridynamics.add_forces_linear_failing}
+SWEEPS = FINITE | LINEAR
 every_sweep = pytest.mark.parametrize("name", list(SWEEPS))
 finite_sweeps = pytest.mark.parametrize("name", list(FINITE))
 failing_sweeps = pytest.mark.parametrize("name", ["series failing", "closed failing"])
+every_failing_sweep = pytest.mark.parametrize("name", ["series failing", "closed failing", "linear failing"])
 
 SUMS = 1e-11  # of the largest force: rounding to quanta, of z = 2 x + u, and the series up to strains of 3e-3
 TRUNCATION = 1.5e-8  # the series at its limit: 231/512 e^5
+ROOM = 1000  # records: a point of these bodies has fewer slots, all of them more broken bonds
 CANCELLATION = 2.0**-51  # of phi: the closed form has 1 + e; where e is small the solvers use the series
 STORAGE = 1e-7  # two numbers rounded to float32, 6e-8 each, of random sign
-NO_CRACK = math.inf
+NO_CRACK = UNBREAKABLE
 
 
 def displacements(whole, strain, seed=1):
@@ -79,7 +83,7 @@ def linear_reference(whole, u, pairs, stored):
 
 def bound_for(share, name, met):
     """Bound of a force component, as the solvers choose it, from the largest ``|e|`` or ``|K' eta . xi|``."""
-    return 4.0 * met * (share.bonds.cutoff if name == "linear" else share.bonds.strongest)
+    return 4.0 * met * (share.bonds.cutoff if name in LINEAR else share.bonds.strongest)
 
 
 class Swept:
@@ -91,11 +95,15 @@ class Swept:
     force : float64, shape (n_points, 3)
     extremes : float64, shape (2,)
     broken : int
+    records : float64, shape (broken, 4)
+        Points (lower, higher) of the broken bonds, and their two stored numbers.
     """
 
     def __init__(self, shares, u, name, bound, critical_stretch=NO_CRACK):
         self.quantum, pattern = pattern_for(bound)
-        table = peridynamics.constants((1 + critical_stretch) ** 2 - 1, pattern)
+        table = peridynamics.constants(pattern)
+        limit = critical_stretch if name in LINEAR else critical_stretch * (2.0 + critical_stretch)
+        self.records = np.empty((0, 4))
         self.integers = np.zeros((sum(8 * share.points.n_owned for share in shares), 3), np.int64)
         self.extremes, self.broken = np.zeros(2), 0
         for share in shares:
@@ -105,9 +113,26 @@ class Swept:
             for rows in share.bonds.rows:
                 n = len(rows.start) - 1
                 for first, last in ((0, n // 3), (n // 3, n)):
-                    self.broken += SWEEPS[name](first, last, *rows.arrays, S.reshape(-1), SI, table, self.extremes)
+                    while first < last:
+                        failing = nothing_fails(share, limit)
+                        first = SWEEPS[name](
+                            first, last, *rows.arrays, S.reshape(-1), SI, table, self.extremes, *failing
+                        )
+                        self._keep(share, *failing[3:])
             np.add.at(self.integers, share.point, table_rows(S.view(np.int64), 6))
         self.force = self.integers * self.quantum
+
+    def _keep(self, share, pairs, strengths, counter):
+        n = int(counter[0])
+        self.broken += n
+        ends = np.sort(share.point[pairs[:n]], axis=1)
+        self.records = np.concatenate([self.records, np.concatenate([ends, strengths[:n]], axis=1)])
+
+
+def nothing_fails(share, limit=UNBREAKABLE):
+    """One class of bonds with one limit, and empty records."""
+    one_class = np.zeros(share.points.n_clusters, np.uint8), np.array([limit]), np.array([[limit]])
+    return *one_class, np.empty((ROOM, 2), np.int64), np.full((ROOM, 2), np.nan, np.float32), np.zeros(1, np.int64)
 
 
 def point_table(share, u):
@@ -121,9 +146,9 @@ def point_table(share, u):
 
 def swept(whole, u, name, critical_stretch=NO_CRACK, shares=None, headroom=1.0):
     """Sweep a body with the bound its reference asks for; broken bonds are gone from ``shares``."""
-    shares = [part(whole, finite=name != "linear")] if shares is None else shares
+    shares = [part(whole, finite=name not in LINEAR)] if shares is None else shares
     pairs, stored = stored_bonds(shares)
-    reference = linear_reference if name == "linear" else finite_reference
+    reference = linear_reference if name in LINEAR else finite_reference
     force, met = reference(whole, u, pairs, stored)
     bound = bound_for(shares[0], name, headroom * float(abs(met).max()))
     return Swept(shares, u, name, bound, critical_stretch), force, met
@@ -150,7 +175,7 @@ def test_forces(name, strain, kind):
     """All sweeps, with the stored numbers: eqs (2), (3), (14)."""
     whole = body((4, 3, 3), kind)
     result, force, met = swept(whole, displacements(whole, strain), name)
-    assert 0 < abs(met).max() < (1.0 if name == "linear" else 3 * strain)
+    assert 0 < abs(met).max() < (1.0 if name in LINEAR else 3 * strain)
     assert worst(result.force, force) < SUMS + (CANCELLATION / strain if "closed" in name else 0.0)
     assert result.broken == 0
 
@@ -236,7 +261,7 @@ def test_forces_with_coefficients_in_double_precision(name, strain):
     whole = body((4, 3, 2), "jittered")
     u = displacements(whole, strain)
     factor = np.random.default_rng(6).uniform(0.8, 6.0, whole.x.shape)
-    share = part(whole, finite=name != "linear", factor=factor)
+    share = part(whole, finite=name not in LINEAR, factor=factor)
     result, _, _ = swept(whole, u, name, shares=[share])
     pairs, _ = stored_bonds([share])
     i, j = pairs.T
@@ -244,7 +269,7 @@ def test_forces_with_coefficients_in_double_precision(name, strain):
     r = np.sqrt((xi**2).sum(axis=1))
     y = xi + eta
     length = np.sqrt((y**2).sum(axis=1))
-    if name == "linear":
+    if name in LINEAR:
         stretch, y, length = (xi * eta).sum(axis=1) / r**2, xi, r
     else:
         stretch = (length - r) / r
@@ -267,14 +292,14 @@ def test_extremes(name):
     """Largest and smallest ``e`` (linear: the largest ``|K' eta . xi|`` alone) met, never narrowed."""
     whole = body((3, 3, 2), "jittered")
     result, _, met = swept(whole, displacements(whole, 1e-3), name)
-    expected = [abs(met).max(), 0.0] if name == "linear" else [met.max(), met.min()]
+    expected = [abs(met).max(), 0.0] if name in LINEAR else [met.max(), met.min()]
     np.testing.assert_allclose(result.extremes, np.array(expected, float), rtol=1e-11)
-    share = part(whole, finite=name != "linear")
+    share = part(whole, finite=name not in LINEAR)
     rows, S = share.bonds.interior, point_table(share, displacements(whole, 1e-3))
     extremes = np.array([5.0, -7.0])
     SWEEPS[name](
         0, len(rows.start) - 1, *rows.arrays, S.reshape(-1), S.view(np.int64).reshape(-1),
-        peridynamics.constants(math.inf, 1.0), extremes,
+        peridynamics.constants(1.0), extremes, *nothing_fails(share),
     )  # fmt: skip
     assert extremes.tolist() == [5.0, -7.0]
 
@@ -308,6 +333,41 @@ def critical(whole, u, fraction=0.1):
     return float(np.sqrt(1 + 0.5 * (e[k] + e[k + 1])) - 1)
 
 
+def by_points(records):
+    """Records in the order of their points, as nested lists."""
+    return sorted(np.asarray(records, float).tolist())
+
+
+@pytest.mark.parametrize("kind", ["box", "jittered"])
+@pytest.mark.parametrize("fraction", [0.2, 0.05, 0.001])
+def test_bonds_beyond_the_linear_critical_stretch_break(kind, fraction):
+    """Eq. 4 with the stretch ``eta . xi / |xi|^2``: exactly the bonds of the reference, their forces gone at once."""
+    whole = body((4, 3, 3), kind)
+    u = displacements(whole, 3e-3)
+    share = part(whole, finite=False)
+    pairs, stored = stored_bonds([share])
+    xi, eta = np.diff(whole.x[pairs], axis=1)[:, 0], np.diff(u[pairs], axis=1)[:, 0]
+    stretch = (xi * eta).sum(axis=1) / (xi * xi).sum(axis=1)
+    ordered = np.sort(stretch)
+    k = int((1 - fraction) * len(ordered))
+    s0 = 0.5 * (ordered[k] + ordered[k + 1])
+    assert ordered[k + 1] - ordered[k] > 1e-10 * s0
+    result, _, _ = swept(whole, u, "linear failing", s0, [share])
+    intact = stretch <= s0
+    assert result.broken == np.count_nonzero(~intact) > 0
+    force = add_at(
+        len(whole.x),
+        pairs[intact],
+        (f := stored[intact] * (xi * eta).sum(axis=1)[intact, None] * xi[intact]),
+        -f,
+    )
+    assert worst(result.force, force) < SUMS
+    left, numbers = stored_bonds([share])
+    assert (left == pairs[intact]).all()
+    assert (numbers == stored[intact]).all()
+    assert by_points(result.records[:, :3]) == by_points(np.concatenate([pairs, stored], axis=1)[~intact])
+
+
 @failing_sweeps
 @pytest.mark.parametrize("kind", ["box", "jittered"])
 @pytest.mark.parametrize("fraction", [0.2, 0.05, 0.001])
@@ -323,6 +383,7 @@ def test_bonds_beyond_the_critical_stretch_break(name, kind, fraction):
     force, _ = finite_reference(whole, u, pairs, stored, intact)
     assert worst(result.force, force) < SUMS
     assert result.broken == np.count_nonzero(~intact) > 0
+    assert by_points(result.records) == by_points(np.concatenate([pairs, stored], axis=1)[~intact])
     left, numbers = stored_bonds([share])
     assert (left == pairs[intact]).all()
     assert (numbers == stored[intact]).all()
@@ -337,12 +398,12 @@ def test_bonds_beyond_the_critical_stretch_break(name, kind, fraction):
 
 
 @pytest.mark.nojit
-@failing_sweeps
+@every_failing_sweep
 def test_tiny_body_breaks(name):
     """Two cells pulled apart: the bonds across the gap break, and the halves are free of force."""
     whole = body((2, 1, 1))
     u = np.where(np.arange(16)[:, None] < 8, 0.0, [0.5, 0.0, 0.0])
-    share = part(whole)
+    share = part(whole, finite=name not in LINEAR)
     between = stored_bonds([share])[0] // 8
     result = Swept([share], u, name, share.bonds.strongest, 1e-3)
     assert result.broken == np.count_nonzero(between[:, 0] != between[:, 1])
@@ -413,14 +474,14 @@ def with_other_row_order(share, seed):
     return changed
 
 
-CASES = dict.fromkeys(SWEEPS, NO_CRACK) | {"series failing": 3e-4, "closed failing": 3e-4}
+CASES = dict.fromkeys(SWEEPS, NO_CRACK) | {"series failing": 3e-4, "closed failing": 3e-4, "linear failing": 3e-4}
 cases = pytest.mark.parametrize(("name", "s0"), list(CASES.items()), ids=list(CASES))
 
 
 def one_rank(whole, name, s0):
     """Displacements, bound and the result to compare with."""
     u = displacements(whole, 1e-3)
-    share = part(whole, finite=name != "linear")
+    share = part(whole, finite=name not in LINEAR)
     bound = bound_for(share, name, 0.01)
     result = Swept([share], u, name, bound, s0)
     assert (result.broken > 0) == (s0 < 1.0)
@@ -432,7 +493,7 @@ def test_rows_in_another_order(name, s0):
     """Equal integers, extremes and counts."""
     whole = body((4, 3, 2), "jittered")
     u, bound, expected = one_rank(whole, name, s0)
-    share = part(whole, finite=name != "linear")
+    share = part(whole, finite=name not in LINEAR)
     before = share.bonds.interior.offset.copy()
     share.bonds.interior.offset[:], share.bonds.interior.data[:] = (
         with_other_row_order(share, 3)[0].offset,
@@ -457,7 +518,7 @@ def test_cells_dealt_to_ranks(name, s0, n_parts):
     """Ghost rows and owned rows sum to what one rank has."""
     whole = body((4, 3, 2), "jittered")
     u, bound, expected = one_rank(whole, name, s0)
-    shares = parts(whole, n_parts, finite=name != "linear")
+    shares = parts(whole, n_parts, finite=name not in LINEAR)
     assert all(len(share.bonds.boundary.offset) > 1 for share in shares)
     assert_equal(Swept(shares, u, name, bound, s0), expected)
 
@@ -468,7 +529,7 @@ def test_points_renumbered(name, s0):
     whole = body((4, 3, 2), "jittered")
     u, bound, expected = one_rank(whole, name, s0)
     order = np.random.default_rng(9).permutation(len(whole.x))
-    share = part(whole.renumbered(order), finite=name != "linear")
+    share = part(whole.renumbered(order), finite=name not in LINEAR)
     assert_equal(Swept([share], u[order], name, bound, s0), expected, order)
 
 
@@ -479,7 +540,7 @@ def test_internal_forces_sum_to_nothing(name, s0):
     u, _, result = one_rank(whole, name, s0)
     assert (result.integers.sum(axis=0) == 0).all()
     assert (result.integers != 0).any()
-    y = whole.x + (0 if name == "linear" else u)
+    y = whole.x + (0 if name in LINEAR else u)
     arms = np.cross(y, result.force)
     assert abs(arms.sum(axis=0)).max() < 1e-12 * abs(arms).sum()  # float64 sums of some hundred terms
 
@@ -489,7 +550,7 @@ def test_internal_forces_sum_to_nothing(name, s0):
 def test_rest_is_free_of_force(name):
     """No displacement, no force: what the patterns of M leave is exactly taken back by the start value."""
     whole = body((2, 1, 1))
-    share = part(whole, finite=name != "linear")
+    share = part(whole, finite=name not in LINEAR)
     result = Swept([share], np.zeros_like(whole.x), name, 1.0, 1e-3)
     assert (result.integers == 0).all()
     assert result.broken == 0
@@ -501,16 +562,17 @@ def test_sweeps_add_to_forces(name):
     """Twice the sweep, twice the sums."""
     whole = body((2, 2, 1))
     u = displacements(whole, 1e-3)
-    share = part(whole, finite=name != "linear")
+    share = part(whole, finite=name not in LINEAR)
     once = Swept([share], u, name, 1.0)
     _, pattern = pattern_for(1.0)
     S = point_table(share, u)
     SI = S.view(np.int64).reshape(-1)
     peridynamics.reset_forces(SI, 2 * (share.bonds.added - share.bonds.taken), integer_bits(pattern))
     rows = share.bonds.interior
-    table = peridynamics.constants(9.0, pattern)
+    table = peridynamics.constants(pattern)
     for _ in range(2):
-        SWEEPS[name](0, len(rows.start) - 1, *rows.arrays, S.reshape(-1), SI, table, np.zeros(2))
+        whole_sweep = 0, len(rows.start) - 1, *rows.arrays, S.reshape(-1), SI, table, np.zeros(2)
+        SWEEPS[name](*whole_sweep, *nothing_fails(share))
     assert (table_rows(S.view(np.int64), 6) == 2 * once.integers).all()
     assert (table_rows(S, 0) == u).all()
 

@@ -7,7 +7,7 @@ from pdfem_mpi.loading import rigid_modes
 from pdfem_mpi.model import build_intact_elements
 from pdfem_mpi.scene import BodyForce, Support
 from pdfem_mpi.solvers import grid
-from pdfem_mpi.solvers.blocks import inverted, node_blocks, point_blocks
+from pdfem_mpi.solvers.blocks import inverted, node_blocks, point_blocks, softest
 from pdfem_mpi.solvers.multilevel import make_preconditioner
 from verification.bodies import build, make_scene
 
@@ -93,7 +93,7 @@ def test_point_blocks_are_the_diagonal_of_the_stiffness():
     """Each block against the force of a unit displacement of its point or node."""
     body = build(make_scene((6, 3, 2), 3, correction="appendix_a"))
     model, n = body.model, body.model.n_point_unknowns
-    of_points = point_blocks(model)
+    of_points = point_blocks(model).values()
     blocks = np.concatenate([of_points[: n // 3], node_blocks(model, of_points)])
     pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
     rng = np.random.default_rng(1)
@@ -115,7 +115,7 @@ def test_soft_and_fixed_directions_of_a_block_are_held():
     body = build(make_scene((2, 2, 2)))
     blocks = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0], [2.0, 4.0, 8.0, 0.0, 0.0, 0.0], [0.0] * 6])
     fixed = np.array([[False] * 3, [False, True, False], [False] * 3])
-    found = inverted(body.model.comm, blocks, fixed)
+    found = inverted(blocks, fixed, softest(body.model.comm, blocks))
     expected = [[1.0, 0, 0, 0, 0, 0], [0.5, 0, 0.125, 0, 0, 0], [0.0] * 6]
     np.testing.assert_allclose(found, expected, atol=1e-15)
 

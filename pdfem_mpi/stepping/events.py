@@ -1,0 +1,315 @@
+"""From break to break: exact loads of first breaks, avalanches at held load, and a closed ledger of energies.
+
+Between breaks a linear body answers in proportion to the load, so one equilibrium gives the load at which the next
+bond breaks. At that load all bonds within ``eta`` of their critical stretch break together, a few iterations of
+conjugate gradients relax the rest, and so on until none is left to break: loosely while the avalanche runs, tightly
+before a state counts as stable. In finite kinematics the load of the next break is found by bracketing.
+
+The ledger is ``W = U + D + X``: work of loads and supports, strain energy, energy of the bonds when they broke, energy
+that relaxation took out. ``W``, ``D`` and ``X`` are summed as they arise (``X`` from each step of the relaxation, by
+`cg.improve`), ``U`` is measured by a sweep of its own at every row.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from pdfem_mpi.failure import Failure
+from pdfem_mpi.forces import Forces, NotFinite
+from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.loading import LoadCase, exact_dots, remove_rigid_motion
+from pdfem_mpi.parallel.comm import largest
+from pdfem_mpi.scene import Events
+from pdfem_mpi.solvers import cg
+from pdfem_mpi.solvers.convergence import Breakdown, Convergence, NotConverged, Progress
+from pdfem_mpi.state import State
+from pdfem_mpi.stepping.report import Report, Reporter, reaction, support_resultants
+from pdfem_mpi.stepping.solver import EquilibriumSolver
+from pdfem_mpi.stepping.steps import break_bonds
+
+#: The first equilibrium is at least this tight: the load of the first break is read from it.
+FIRST_TOLERANCE = 1e-8
+#: A solve aims at this fraction of its tolerance.
+SAFETY = 0.9
+#: Under a held force, pieces that came off move away for ever: displacements this many times those of the last stable
+#: state end the run.
+SEPARATED = 10.0
+#: Sweeps of a relaxation that goes to the end, before breaks are looked for again; its residual must at least halve.
+MOST_SWEEPS, STAGNATION = 200, 0.5
+#: Finite kinematics: the first equilibrium is sought at a strain of about this size.
+SMALL_STRAIN = 1e-6
+#: Finite kinematics: the largest stretch is brought this near to critical, in at most so many equilibria.
+BRACKET, MOST_EQUILIBRIA = 1e-6, 30
+#: What ``state.program`` keeps.
+NUMBERS = (
+    "work", "released", "peak", "stable", "batches", "relative", "reaction", "sweeps", "told_sweeps", "size", "apart",
+)  # fmt: skip
+
+
+def follow_events(
+    settings: Events,
+    solve: EquilibriumSolver,
+    failure: Failure,
+    state: State,
+    case: LoadCase,
+    watch: Callable,
+    pause: Callable[[], None],
+) -> Iterator[Report]:
+    """Yield a row at each critical state, arrest and end, and every ``report_every`` batches. Collective.
+
+    Raises
+    ------
+    NotConverged, NotFinite
+        The state is left at the last batch.
+    """
+    events = _Events(settings, solve, failure, state, case, watch)
+    if not state.program:
+        events.start()
+    program = state.program
+    while True:
+        if program["stable"]:
+            goes_on = events.load_to_break()
+            program["stable"] = 0.0
+            if not goes_on:
+                yield events.row("end")
+                return
+            if settings.control == "load" or program["batches"] % settings.report_every == 0:
+                yield events.row("critical")
+        broke = events.batch()
+        if events.came_apart():
+            yield events.row("end")
+            return
+        if settings.control == "energy":
+            program["stable"] = 1.0
+        elif not broke and program["relative"] <= settings.arrest_tolerance:
+            program["stable"] = 1.0
+            yield events.row("arrest")
+        elif broke and program["batches"] % settings.report_every == 0:
+            yield events.row("batch")
+        pause()
+
+
+class _Events:
+    """The books of one run; ``state.program`` keeps all that a later continuation needs.
+
+    Its numbers: external ``work`` and energy ``released`` by relaxation so far; ``peak`` of the reaction over stable
+    states; whether the state is ``stable``; ``batches`` of broken bonds; ``relative`` residual and ``reaction`` at the
+    last evaluation; ``sweeps`` so far, and ``told_sweeps`` at the last row; ``size`` of the displacements when last
+    stable; and whether pieces came ``apart`` under a held force.
+    """
+
+    def __init__(
+        self, settings: Events, solve: EquilibriumSolver, failure: Failure, state: State, case: LoadCase, watch
+    ):
+        self.settings, self.solve, self.failure, self.state, self.case = settings, solve, failure, state, case
+        self.forces, self.model = solve.forces, solve.forces.model
+        self.finite = self.model.bonds.finite
+        self.tangent = Forces(self.model, tangent=True, seconds=self.forces.seconds) if self.finite else self.forces
+        self.watch = lambda progress: watch(state.step + 1, progress)
+        self.reporter = Reporter(self.forces, case, failure)
+        self.residual, self.step = np.empty_like(state.u), np.empty_like(state.u)
+        self.counted, self.fresh = self._evaluations(), True
+
+    def start(self) -> None:
+        """Find the first equilibrium: at load factor 1 or, for finite kinematics, at a small load."""
+        state = self.state
+        state.program = dict.fromkeys(NUMBERS, 0.0) | {"stable": 1.0}
+        state.load_factor = 1.0
+        if self.finite:
+            state.load_factor = self._small_load()
+        self._equilibrate(min(FIRST_TOLERANCE, self.solve.settings.tolerance))
+        state.program["work"] = self._stored()
+
+    def load_to_break(self) -> bool:
+        """Raise (or lower) the load until a bond is about to break; False if the program ends at or before that."""
+        state, program, settings = self.state, self.state.program, self.settings
+        self._evaluate()
+        ratio = self.failure.largest_ratio(self.model, self.forces.S)
+        if ratio == 0.0:
+            raise NotConverged("the load stretches no bond that may break. Load the body otherwise.")
+        limit = math.inf if settings.end_load_factor is None else settings.end_load_factor
+        before = state.load_factor
+        if self.finite:
+            self._bracket(ratio, limit)
+        else:
+            self._scale(min(1.0 / ratio, limit / before))
+        remove_rigid_motion(self.model, self.case, state.u)
+        program["reaction"] *= state.load_factor / before
+        program["size"] = self._size(state.u)
+        if state.load_factor >= limit:
+            return False
+        if program["reaction"] < settings.end_reaction * program["peak"]:
+            return False
+        program["peak"] = max(program["peak"], program["reaction"])
+        return True
+
+    def batch(self) -> int:
+        """Break what is (nearly) critical and relax the rest for a while; the number of bonds that broke."""
+        program, settings = self.state.program, self.settings
+        stalled = program["relative"]
+        broke = self._evaluate(breaking=True)
+        program["batches"] += broke > 0
+        self.watch(Progress(int(program["batches"]), program["relative"], 0.0))
+        if not broke and program["relative"] <= settings.arrest_tolerance:
+            return 0
+        if not broke and not self.fresh and program["relative"] > STAGNATION * stalled:
+            raise NotConverged(
+                f"after {self.failure.count:,} broken bonds the relative residual stagnates at "
+                f"{program['relative']:.3g}, above stepping.arrest_tolerance = {settings.arrest_tolerance:.3g}: some "
+                f"part may have come loose under a load. {self._last_breaks()}"
+            )
+        self.fresh = broke > 0
+        loosely = broke and settings.control == "load"
+        self._relax(settings.inner_iterations - 1 if loosely else MOST_SWEEPS)
+        return broke
+
+    def came_apart(self) -> bool:
+        """Whether the body does not carry the held load any more."""
+        program = self.state.program
+        if self.settings.control == "energy":
+            return bool(program["apart"])
+        return bool(program["apart"]) or program["reaction"] < self.settings.end_reaction * program["peak"]
+
+    def row(self, event: str) -> Report:
+        """Describe the state."""
+        program = self.state.program
+        self.state.step += 1
+        self._count()
+        sweeps = int(program["sweeps"] - program["told_sweeps"])
+        program["told_sweeps"] = program["sweeps"]
+        return self.reporter.report(
+            self.state, event, Convergence(sweeps, program["relative"]), program["work"], program["released"]
+        )
+
+    # --- steps -------------------------------------------------------------------------------------------------
+
+    def _external(self) -> np.ndarray:
+        return self.state.load_factor * self.case.external
+
+    def _evaluate(self, breaking: bool = False) -> int:
+        """The residual of the state, with or without breaking bonds; the number of bonds that broke."""
+        state, case, program, external = self.state, self.case, self.state.program, self._external()
+        broke = 0
+        if breaking:
+            broke = break_bonds(self.solve, self.failure, state, external, self.settings.eta, self.residual)
+        else:
+            self.forces.evaluate_surely(state.u, external, self.residual)
+        resultants = support_resultants(self.forces, case, self.residual)
+        program["reaction"] = reaction(case, resultants, state.load_factor)
+        held = self.residual[case.fixed]
+        self.residual[case.fixed] = 0.0
+        square, load, reactions = exact_dots(
+            self.model.comm, [(self.residual, self.residual), (external, external), (held, held)]
+        )
+        self.reference = math.sqrt(max(load, reactions)) or 1.0
+        program["relative"] = math.sqrt(square) / self.reference
+        self._count()
+        return broke
+
+    def _relax(self, sweeps: int) -> None:
+        """Some iterations of conjugate gradients; what they release is booked."""
+        state, program, case = self.state, self.state.program, self.case
+        if self.finite:
+            self.tangent.linearise(state.u)
+        goal = SAFETY * self.settings.arrest_tolerance * self.reference
+        try:
+            released = cg.improve(
+                self.tangent, self.residual, case.fixed, goal, max(sweeps, 1), self.solve.preconditioner, self.step
+            )
+        except (Breakdown, NotFinite) as error:
+            self._count()
+            if not case.load:
+                raise NotConverged(f"{error} {self._last_breaks()}") from error
+            program["apart"] = 1.0
+            return
+        self._count()
+        if case.load:
+            if not self._size(self.step) < SEPARATED * program["size"]:
+                program["apart"] = 1.0
+                return
+            (work,) = exact_dots(self.model.comm, [(self._external(), self.step)])
+            program["work"] += float(work)
+        np.add(state.u, self.step, out=state.u)
+        program["released"] += released
+        if case.load and self._size(state.u) > SEPARATED * program["size"]:
+            program["apart"] = 1.0
+
+    def _scale(self, factor: float) -> None:
+        """Linear kinematics: the state at another load."""
+        state, program = self.state, self.state.program
+        stored = program["work"] - program["released"] - self.failure.dissipated
+        program["work"] += (factor * factor - 1.0) * stored
+        state.load_factor *= factor
+        np.multiply(state.u, factor, out=state.u)
+        self._prescribe()
+
+    def _bracket(self, ratio: float, limit: float) -> None:
+        """Finite kinematics: the load at which the largest stretch is critical, by secants within a bracket."""
+        state, program = self.state, self.state.program
+        stored = self._stored()
+        known = [(state.load_factor, ratio)]
+        low, high = (state.load_factor, math.inf) if ratio < 1.0 else (0.0, state.load_factor)
+        target = state.load_factor / ratio
+        for _ in range(MOST_EQUILIBRIA):
+            target = min(target, limit)
+            np.multiply(state.u, target / state.load_factor, out=state.u)
+            state.load_factor = target
+            self._prescribe()
+            self._equilibrate(self.solve.settings.tolerance)
+            ratio = self.failure.largest_ratio(self.model, self.forces.S)
+            if abs(ratio - 1.0) <= BRACKET or (target == limit and ratio < 1.0):
+                break
+            low, high = (target, high) if ratio < 1.0 else (low, target)
+            (before, at), known = known[-1], [(target, ratio)]
+            slope = (ratio - at) / (target - before)
+            step = (1.0 - ratio) / slope if slope > 0.0 else target * (1.0 / ratio - 1.0)
+            target += step
+            if not low < target < high:
+                target = 0.5 * (low + high) if high < math.inf else 2.0 * low
+        else:
+            raise NotConverged(f"no load was found at which the next bond breaks, between {low:.6g} and {high:.6g}.")
+        program["work"] += self._stored() - stored
+
+    def _equilibrate(self, tolerance: float) -> None:
+        """Equilibrium at the state's load; the table of the forces is left at it."""
+        solve, state, case = self.solve, self.state, self.case
+        self._prescribe()
+        cg.solve(
+            self.forces, state, self._external(), case.fixed, tolerance, solve.settings.max_evaluations,
+            solve.preconditioner, self.watch,
+        )  # fmt: skip
+        self._evaluate()
+
+    def _small_load(self) -> float:
+        """A load factor at which strains are small, whatever the deck's loads are."""
+        case, x = self.case, self.model.points.x.reshape(-1, 3, W)
+        size = float(largest(self.model.comm, np.array([np.ptp(x[:, d]) if len(x) else 0.0 for d in range(3)])).max())
+        return SMALL_STRAIN / max(case.reach / size, case.load)
+
+    def _prescribe(self) -> None:
+        fixed = self.case.fixed
+        self.state.u[fixed] = self.state.load_factor * self.case.prescribed[fixed]
+
+    def _stored(self) -> float:
+        """Strain energy at the last evaluation."""
+        return self.forces.stored_energy(self.state.u)
+
+    def _size(self, vector: np.ndarray) -> float:
+        return float(largest(self.model.comm, np.array([np.abs(vector).max(initial=0.0)]))[0])
+
+    def _evaluations(self) -> int:
+        return self.forces.evaluations + (self.tangent.evaluations if self.finite else 0)
+
+    def _count(self) -> None:
+        self.state.program["sweeps"] += self._evaluations() - self.counted
+        self.counted = self._evaluations()
+
+    def _last_breaks(self) -> str:
+        """Where the bonds that broke last lie, in the deck's units. Collective."""
+        failure, units = self.failure, self.model.units
+        low, high = failure.last_extent * units.length + units.origin
+        sides = (f"[{a:.6g}, {b:.6g}]" for a, b in zip(low, high, strict=True))
+        return f"The last bonds broke in {' x '.join(sides)}."

@@ -1,0 +1,53 @@
+"""Which load program a scene follows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from pdfem_mpi.failure import Failure
+from pdfem_mpi.loading import LoadCase
+from pdfem_mpi.scene import Events, Ramp, Scene
+from pdfem_mpi.solvers.convergence import Progress
+from pdfem_mpi.state import State
+from pdfem_mpi.stepping.events import follow_events
+from pdfem_mpi.stepping.ramp import follow_ramp
+from pdfem_mpi.stepping.report import Report
+from pdfem_mpi.stepping.solver import EquilibriumSolver
+from pdfem_mpi.stepping.steps import follow_steps
+
+
+def follow_load_program(
+    scene: Scene,
+    solve: EquilibriumSolver,
+    failure: Failure | None,
+    state: State,
+    case: LoadCase,
+    watch: Callable[[int, Progress], None] = lambda step, progress: None,
+    pause: Callable[[], None] = lambda: None,
+) -> Iterator[Report]:
+    """Follow the scene's load program from the state on, and yield its rows. Collective.
+
+    Parameters
+    ----------
+    scene : Scene
+    solve : EquilibriumSolver
+    failure : Failure or None
+        Needed by ramps and events.
+    state : State
+        Changed; consistent at each yield, and whenever ``pause`` is called.
+    case : LoadCase
+    watch : callable
+        Told of the step and the progress of every iteration, on every rank.
+    pause : callable
+        Called on every rank between iterations of a ramp and between batches of an avalanche.
+
+    Raises
+    ------
+    NotConverged, NotFinite
+    """
+    stepping = scene.stepping
+    if isinstance(stepping, Ramp):
+        return follow_ramp(stepping, solve, failure, state, case, watch, pause)
+    if isinstance(stepping, Events):
+        return follow_events(stepping, solve, failure, state, case, watch, pause)
+    return follow_steps(stepping, solve, failure, state, case, watch)

@@ -1,0 +1,76 @@
+"""The paper's load program (sec. 4.2): the load rises a little at each iteration of the relaxation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from pdfem_mpi.failure import Failure
+from pdfem_mpi.loading import LoadCase, exact_dots
+from pdfem_mpi.scene import Ramp
+from pdfem_mpi.solvers.adr import Relaxation
+from pdfem_mpi.solvers.convergence import Convergence, Progress
+from pdfem_mpi.state import State
+from pdfem_mpi.stepping.report import Report, Reporter
+from pdfem_mpi.stepping.solver import EquilibriumSolver
+
+
+def follow_ramp(
+    settings: Ramp,
+    solve: EquilibriumSolver,
+    failure: Failure,
+    state: State,
+    case: LoadCase,
+    watch: Callable,
+    pause: Callable[[], None],
+) -> Iterator[Report]:
+    """Yield a row every ``report_every`` iterations, and the last one. Collective.
+
+    Bonds break in the sweep of each iteration. The work of loads and supports is summed by the trapezoidal rule; what
+    it exceeds the stored and the dissipated energy by is kinetic, or damped away.
+
+    ``state.program`` keeps the work so far, the generalised force of the supports and the largest reaction.
+
+    Raises
+    ------
+    NotConverged, NotFinite
+    """
+    forces, program = solve.forces, state.program
+    relaxation = Relaxation(forces, case.fixed)
+    load = float(np.sqrt(exact_dots(forces.model.comm, [(case.external, case.external)])[0]))
+    reporter = Reporter(forces, case, failure)
+    last = round(settings.end_load_factor / settings.increment)
+    program.setdefault("work", 0.0)
+    program.setdefault("pull", 0.0)
+    program.setdefault("peak", 0.0)
+    ahead = case.prescribed[case.fixed]
+    before = np.empty_like(state.u)
+    while state.iteration < last:
+        iteration = state.iteration + 1
+        state.load_factor = settings.increment * iteration
+        external = state.load_factor * case.external
+        state.u[case.fixed] = state.load_factor * ahead
+        sums = relaxation.evaluate(state, external, abs(state.load_factor) * load, failure)
+        failure.close(forces.model)
+        failure.take()
+        (pull,) = exact_dots(forces.model.comm, [(-relaxation.force[case.fixed], ahead)])
+        program["work"] += 0.5 * settings.increment * (program["pull"] + float(pull))
+        program["pull"] = float(pull)
+        watch(1, Progress(state.iteration, sums.relative, sums.damping))
+        if case.load:
+            before[:] = state.u
+        relaxation.advance(state, sums.damping)
+        if case.load:
+            (work,) = exact_dots(forces.model.comm, [(external, state.u - before)])
+            program["work"] += float(work)
+        if iteration % settings.report_every == 0 or iteration == last:
+            state.step += 1
+            event = "end" if iteration == last else "ramp"
+            row = reporter.report(state, event, Convergence(settings.report_every, sums.relative), program["work"])
+            program["peak"] = max(program["peak"], row.reaction)
+            ended = failure.count and row.reaction < settings.end_reaction * program["peak"]
+            yield row
+            if ended:
+                return
+        pause()

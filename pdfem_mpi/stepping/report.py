@@ -1,0 +1,185 @@
+"""What a load program tells at a step or an event: loads, reactions, balances, energies."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+
+from pdfem_mpi.failure import Failure
+from pdfem_mpi.forces import Forces
+from pdfem_mpi.loading import LoadCase, exact_dots, rigid_modes
+from pdfem_mpi.solvers.convergence import Convergence
+from pdfem_mpi.state import State
+
+
+@dataclass(frozen=True)
+class Report:
+    """One row of the history, model units.
+
+    Attributes
+    ----------
+    step : int
+        From 1.
+    event : str
+        ``"step"``; of a ramp ``"ramp"`` and ``"end"``; of events ``"critical"`` (in equilibrium, the next bond is about
+        to break), ``"batch"`` (within an avalanche), ``"arrest"`` (in equilibrium again) and ``"end"``.
+    load_factor : float
+    displacement : float, dimension length
+        Largest prescribed displacement or, under forces alone, their work over ``case.load``.
+    reaction : float, dimension force
+        Largest resultant of a support that moves (else of a support) or, without supports, the load.
+    resultant : float64, shape (3,), dimension force
+        Sum of the forces of all supports.
+    convergence : Convergence
+    force_balance, moment_balance : float, dimension 1
+        Net internal force and moment, relative to the sums of their magnitudes.
+    broken, new_broken : int
+        Bonds broken so far, and since the row before.
+    stored, dissipated, work, released : float or None, dimension force length
+        Strain energy, energy of bonds when they broke, work of loads and supports, energy that relaxation took out.
+    extent : float64, shape (2, 3) or None, dimension length
+        Bounding box of the midpoints of broken bonds.
+    seconds : float
+        Since the row before.
+    """
+
+    step: int
+    event: str
+    load_factor: float
+    displacement: float
+    reaction: float
+    resultant: np.ndarray
+    convergence: Convergence
+    force_balance: float
+    moment_balance: float
+    broken: int
+    new_broken: int
+    stored: float | None
+    dissipated: float | None
+    work: float | None
+    released: float | None
+    extent: np.ndarray | None
+    seconds: float
+
+    @property
+    def ledger_error(self) -> float | None:
+        """``W - U - D - X`` over ``W``, where ``X`` is counted by itself."""
+        if self.work is None or self.released is None or self.stored is None:
+            return None
+        difference = self.work - self.stored - self.dissipated - self.released
+        return difference / self.work if self.work else difference
+
+
+@dataclass
+class Reporter:
+    """Makes the rows of one run.
+
+    Attributes
+    ----------
+    forces : Forces
+    case : LoadCase
+    failure : Failure or None
+    """
+
+    forces: Forces
+    case: LoadCase
+    failure: Failure | None
+    clock: float = field(default_factory=perf_counter)
+
+    def report(
+        self,
+        state: State,
+        event: str,
+        convergence: Convergence,
+        work: float | None = None,
+        released: float | None = None,
+    ) -> Report:
+        """Evaluate the state once more and describe it. Collective.
+
+        Parameters
+        ----------
+        work, released : float, optional
+            External work and energy taken out so far, where the program keeps these books.
+        """
+        forces, case, failure = self.forces, self.case, self.failure
+        internal = np.empty_like(state.u)
+        forces.evaluate_surely(state.u, np.zeros_like(state.u), internal)
+        resultants, force_balance, moment_balance = balance(forces, state, case, internal)
+        stored = forces.stored_energy(state.u) if failure else None
+        broken = failure.count if failure else 0
+        now = perf_counter()
+        row = Report(
+            step=state.step,
+            event=event,
+            load_factor=state.load_factor,
+            displacement=displacement(forces, case, state),
+            reaction=reaction(case, resultants, state.load_factor),
+            resultant=resultants.sum(axis=0),
+            convergence=convergence,
+            force_balance=force_balance,
+            moment_balance=moment_balance,
+            broken=broken,
+            new_broken=broken - int(state.program.get("told_broken", 0)),
+            stored=stored,
+            dissipated=failure.dissipated if failure else None,
+            work=work,
+            released=released,
+            extent=failure.extent if failure else None,
+            seconds=now - self.clock,
+        )
+        state.program["told_broken"], self.clock = broken, now
+        return row
+
+
+def reaction(case: LoadCase, resultants: np.ndarray, load_factor: float) -> float:
+    """The scalar that falls when the body fails (see `Report`); ``resultants`` of the supports, (n_supports, 3)."""
+    sizes = [math.sqrt(x * x + y * y + z * z) for x, y, z in resultants.tolist()]
+    moving = [size for size, moves in zip(sizes, case.moves, strict=True) if moves]
+    if moving or not case.load:
+        return max(moving or sizes, default=0.0)
+    return abs(load_factor) * case.load
+
+
+def displacement(forces: Forces, case: LoadCase, state: State) -> float:
+    """The displacement conjugate to `reaction` (see `Report`). Collective."""
+    if any(case.moves) or not case.load:
+        return state.load_factor * case.reach
+    (work,) = exact_dots(forces.model.comm, [(case.external, state.u)])
+    return float(work) / case.load
+
+
+def support_resultants(forces: Forces, case: LoadCase, residual: np.ndarray) -> np.ndarray:
+    """Forces with which each support acts on the body, shape (n_supports, 3). Collective.
+
+    Parameters
+    ----------
+    residual : float64, shape (n_unknowns,)
+        Of an evaluation; external forces do not act on supported unknowns.
+    """
+    pairs = []
+    for places in case.held:
+        pairs += [(-residual[place], np.ones(len(place))) for place in places]
+    return exact_dots(forces.model.comm, pairs).reshape(-1, 3) if pairs else np.zeros((0, 3))
+
+
+def balance(forces: Forces, state: State, case: LoadCase, internal: np.ndarray):
+    """Resultants of the supports, and how well the internal forces sum to nothing. Collective."""
+    model = forces.model
+    finite = model.bonds is not None and model.bonds.finite
+    size = np.abs(internal)
+
+    def pairs():
+        for mode in rigid_modes(model, state.u if finite else None):
+            yield internal, mode
+            yield size, np.abs(mode)
+
+    net, gross = exact_dots(model.comm, pairs()).reshape(6, 2).T
+
+    def ratio(d):
+        whole = float(gross[d].max())
+        return float(np.abs(net[d]).max()) / whole if whole > 0.0 else 0.0
+
+    return support_resultants(forces, case, internal), ratio(slice(0, 3)), ratio(slice(3, 6))

@@ -1,0 +1,72 @@
+"""The scene's solver for equilibrium at a constant load."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.discretization import Discretization
+from pdfem_mpi.failure import Broken
+from pdfem_mpi.forces import Forces
+from pdfem_mpi.loading import LoadCase
+from pdfem_mpi.scene import Scene
+from pdfem_mpi.scene import Solver as Settings
+from pdfem_mpi.solvers import adr, cg
+from pdfem_mpi.solvers.convergence import Breakdown, Convergence, Progress
+from pdfem_mpi.solvers.multilevel import Preconditioner, make_preconditioner
+from pdfem_mpi.state import State
+
+
+@dataclass(frozen=True)
+class EquilibriumSolver:
+    """Brings a state to equilibrium: ``solve(state, external, watch) -> Convergence``; made by `make_solver`.
+
+    Where conjugate gradients break down, relaxation goes on from there, and ``note`` is told.
+
+    Attributes
+    ----------
+    forces : Forces
+    case : LoadCase
+    settings : Settings
+    preconditioner : Preconditioner or None
+        Of conjugate gradients.
+    note : callable
+    """
+
+    forces: Forces
+    case: LoadCase
+    settings: Settings
+    preconditioner: Preconditioner | None
+    note: Callable[[str], None]
+
+    def __call__(
+        self, state: State, external: np.ndarray, watch: Callable[[Progress], None] = lambda progress: None
+    ) -> Convergence:
+        """Find the equilibrium under constant loads. Collective."""
+        settings = self.settings
+        common = (self.forces, state, external, self.case.fixed, settings.tolerance, settings.max_evaluations)
+        if self.preconditioner:
+            try:
+                return cg.solve(*common, self.preconditioner, watch)
+            except Breakdown as error:
+                self.note(f"conjugate gradients broke down: {error} Going on with adaptive dynamic relaxation.")
+        state.iteration = 0
+        state.fields["v"][:] = 0.0
+        return adr.solve(*common, watch)
+
+    def soften(self, broken: Broken) -> None:
+        """Learn which bonds broke. Collective."""
+        if self.preconditioner:
+            self.preconditioner.soften(broken)
+
+
+def make_solver(
+    scene: Scene, discretization: Discretization, forces: Forces, case: LoadCase, note: Callable[[str], None]
+) -> EquilibriumSolver:
+    """The scene's solver, set up. Collective."""
+    preconditioner = None
+    if scene.solver.kind == "cg":
+        preconditioner = make_preconditioner(discretization, forces.model, case)
+    return EquilibriumSolver(forces, case, scene.solver, preconditioner, note)

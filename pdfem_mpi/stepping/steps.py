@@ -1,0 +1,64 @@
+"""Equilibrium at given load factors; bonds beyond their critical stretch break at each until none is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+
+from pdfem_mpi.failure import Failure
+from pdfem_mpi.loading import LoadCase, remove_rigid_motion
+from pdfem_mpi.scene import Steps
+from pdfem_mpi.solvers.convergence import Convergence
+from pdfem_mpi.state import State
+from pdfem_mpi.stepping.report import Report, Reporter
+from pdfem_mpi.stepping.solver import EquilibriumSolver
+
+
+def follow_steps(
+    settings: Steps, solve: EquilibriumSolver, failure: Failure | None, state: State, case: LoadCase, watch: Callable
+) -> Iterator[Report]:
+    """Yield the equilibrium at each load factor from ``state.step`` on. Collective.
+
+    Raises
+    ------
+    NotConverged, NotFinite
+        From the solver.
+    """
+    forces = solve.forces
+    reporter = Reporter(forces, case, failure)
+    for step, factor in enumerate(settings.load_factors[state.step :], start=state.step + 1):
+        external = factor * case.external
+        state.u[case.fixed] = factor * case.prescribed[case.fixed]
+        evaluations = 0
+        while True:
+            convergence = solve(state, external, partial(watch, step))
+            evaluations += convergence.evaluations
+            if failure is None or not break_bonds(solve, failure, state, external):
+                break
+        remove_rigid_motion(forces.model, case, state.u)
+        state.step, state.load_factor = step, factor
+        yield reporter.report(state, "step", Convergence(evaluations, convergence.residual))
+
+
+def break_bonds(
+    solve: EquilibriumSolver,
+    failure: Failure,
+    state: State,
+    external: np.ndarray,
+    margin: float = 0.0,
+    residual: np.ndarray | None = None,
+) -> int:
+    """Break all bonds beyond ``(1 - margin) s_0`` at the state's displacements; how many. Collective.
+
+    ``residual``, shape (n_unknowns,), becomes the residual force of the others.
+    """
+    forces = solve.forces
+    residual = np.empty_like(state.u) if residual is None else residual
+    forces.evaluate_surely(state.u, external, residual, failure, margin)
+    count = failure.close(forces.model)
+    broken = failure.take()
+    if count:
+        solve.soften(broken)
+    return count
