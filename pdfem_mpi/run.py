@@ -19,7 +19,7 @@ import numpy as np
 from pdfem_mpi import __version__
 from pdfem_mpi.bonds import total_bonds
 from pdfem_mpi.discretization import Discretization, discretize
-from pdfem_mpi.fields import Fields, fields_sha256, gather_fields, point_positions
+from pdfem_mpi.fields import Fields, fields_sha256, gather_damage, gather_fields, point_positions
 from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.kernels.warm_up import compile_kernels
 from pdfem_mpi.loading import make_load_case
@@ -194,7 +194,8 @@ class _Run:
                 self.rows.append(equilibrium)
                 output_start = perf_counter()
                 fields = gather_fields(discretization, forces, state.u)
-                on_root(comm, lambda e=equilibrium, f=fields: writer(e, f, model))
+                damage = gather_damage(discretization, model)
+                on_root(comm, lambda e=equilibrium, f=fields, d=damage: writer(e, f, d))
                 output += perf_counter() - output_start
         except (NotConverged, NotFinite) as error:
             code, reason = EXIT_NOT_CONVERGED, str(error)
@@ -268,7 +269,7 @@ class _Run:
                 )
                 frames.append(("elements.vtkhdf", lambda fields: fields.u_nodes))
 
-        def write(equilibrium: Equilibrium, fields: Fields, model: Model) -> None:
+        def write(equilibrium: Equilibrium, fields: Fields, damage: np.ndarray | None) -> None:
             reaction = equilibrium.reaction * units.force
             history.append(
                 {
@@ -285,7 +286,10 @@ class _Run:
                 }
             )
             for name, pick in frames:
-                vtkhdf.append_frame(out / name, equilibrium.load_factor, {"displacement": pick(fields)})
+                arrays = {"displacement": pick(fields)}
+                if damage is not None and name == "points.vtkhdf":
+                    arrays["damage"] = damage
+                vtkhdf.append_frame(out / name, equilibrium.load_factor, arrays)
 
         return write
 

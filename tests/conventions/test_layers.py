@@ -16,6 +16,7 @@ LEVELS = (
     ("deck", "mesh", "parallel.halo"),
     ("discretization",),
     ("bonds", "subdomain"),
+    ("damage",),
     ("model", "memory"),
     ("loading", "forces", "results"),
     ("state", "fields"),
