@@ -39,8 +39,8 @@ GAPS = {0.0: 1.0 - 1.0 / math.sqrt(3.0), 0.5: 1.0 / math.sqrt(3.0)}
 OWN_BONDS = {("none", 1): 0.440, ("none", 8): 0.923} | {
     ("appendix_a", n): value for n, value in {1: 0.629, 2: 0.824, 4: 0.886, 8: 0.914}.items()
 }
-# Half a digit; with appendix A the sides of a plate of 9 cells still change bonds at its middle by .001
-OWN_BONDS_TOLERANCE = {"none": 5e-4, "appendix_a": 1.5e-3}
+# One digit; with appendix A the sides of a plate of 9 cells still change bonds at its middle by .001
+OWN_BONDS_TOLERANCE = {"none": 1e-3, "appendix_a": 1.5e-3}
 
 DAMAGE = {0: 0.3915, 1: 0.1346}  # by layer of points beside a complete flat crack on cell faces; derived
 HALF_A_DIGIT = 5e-5
@@ -213,6 +213,7 @@ def test_damage_of_every_point_is_the_ratio_of_eq_5():
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)  # terms are rounded to 2**-40 of the largest
 
 
+@pytest.mark.nojit
 def test_damage_without_and_with_all_bonds():
     """Eq. 5: 0 while every bond holds, exactly 1 when none is left."""
     body = build(make_scene((3, 2, 2), output=Output(damage=True)), loaded=False)
