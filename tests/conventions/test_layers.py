@@ -24,7 +24,7 @@ LEVELS = (
     ("solvers",),
     ("stepping",),
     ("run",),
-    ("bench", "peers"),
+    ("bench", "peers", "study"),
     ("cli",),
     ("__main__",),
 )
