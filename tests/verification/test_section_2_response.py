@@ -132,9 +132,7 @@ def test_fracture_energy_formula():
             def directions(r):
                 return 2.0 * math.pi * (1.0 - height / r)
 
-            return quad(
-                lambda r: 0.5 * RESPONSE_CONSTANT * math.exp(-(r**2)) * r**3 * directions(r), height, cutoff
-            )[0]
+            return quad(lambda r: 0.5 * RESPONSE_CONSTANT * math.exp(-(r**2)) * r**3 * directions(r), height, cutoff)[0]
 
         return quad(cap, 0.0, cutoff)[0]
 
