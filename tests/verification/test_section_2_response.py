@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pdfem_mpi.bonds import BULK_MODULUS, RESPONSE_CONSTANT, cut_bonds
+from pdfem_mpi.bonds import BULK_MODULUS, RESPONSE_CONSTANT
 from pdfem_mpi.damage import local_damage
 from pdfem_mpi.fields import gather_damage, point_positions
-from pdfem_mpi.scene import Crack, Output
+from pdfem_mpi.scene import Output
 from verification.bodies import bond_list, build, make_scene
+from verification.measure import cracked_block, damage_by_layer, lattice_constants, release_rate_inside, released
 
 QUADRATURE = 1e-9  # relative, of the integrals below
 SINGLE_PRECISION = 1e-7  # relative: stored numbers are rounded once, by up to 2**-24 = 6e-8
@@ -32,8 +33,6 @@ LATTICE_POISSONS_RATIO, PRINTED = 0.2400, 5e-4  # four digits, and the relaxatio
 # l = Delta and 1.1 % with l = 1.5 Delta, the error of the Gauss rule, second order in Delta / l
 LATTICE_RATE = {1.0: 0.970, 1.5: 0.989}
 THREE_DIGITS = 5e-4
-# Between and within the cells, from which the mean over all places of the plane is made: widths of the two gaps
-GAPS = {0.0: 1.0 - 1.0 / math.sqrt(3.0), 0.5: 1.0 / math.sqrt(3.0)}
 # A plate's own bonds over 2.9056 k s_0^2 l, for a crack between cells, by thickness in cells: measured with an
 # independent program, printed to three digits
 OWN_BONDS = {("none", 1): 0.440, ("none", 8): 0.923} | {
@@ -44,7 +43,6 @@ OWN_BONDS_TOLERANCE = {"none": 1e-3, "appendix_a": 1.5e-3}
 
 DAMAGE = {0: 0.3915, 1: 0.1346}  # by layer of points beside a complete flat crack on cell faces; derived
 HALF_A_DIGIT = 5e-5
-BESIDE = 0.1
 FRONT = 3.9  # of a crack, along z; beside the lattice planes, where bonds would end at the front
 
 
@@ -94,30 +92,10 @@ def test_elastic_constants_of_the_gauss_lattice(correction):
 
     A sum over the bonds of the central cells, which appendix A alone cannot make right: it matches another moment.
     """
-    x, i, j, stored = bond_list(build(make_scene((12, 12, 12), correction=correction), loaded=False))
-    central = np.abs(x).max(axis=1) < 1.0
-    moments = np.zeros((3, 3))
-    for end in (i, j):
-        square = (x[j] - x[i])[central[end]] ** 2
-        moments += np.einsum("n,na,nb->ab", stored[central[end]], square, square) / (2.0 * 8.0)  # 8 cells
-    normal, lateral = moments[0, 0], moments[0, 1]
-    modulus = (normal - lateral) * (normal + 2.0 * lateral) / (normal + lateral)
+    body = build(make_scene((12, 12, 12), correction=correction), loaded=False)
+    modulus, poissons_ratio = lattice_constants(body)
     assert 0.0 <= modulus - RELAXED_MODULUS[correction] <= SOFTENING
-    assert lateral / (normal + lateral) == pytest.approx(LATTICE_POISSONS_RATIO, abs=PRINTED)
-
-
-def released(body, place, half_width):
-    """Energy at unit stretch of the bonds cut by a crack at x = place, within half widths along y and z; cuts them."""
-    beside = BESIDE * half_width[0]  # a period of the lattice wherever it begins, and no bond ends on its edges
-    (low, high), (down, up) = ((beside - half, beside + half) for half in half_width)
-    polygon = np.array([[place, low, down], [place, high, down], [place, high, up], [place, low, up]])
-    model = body.model
-    before = [rows.data.copy() for rows in model.bonds.rows]
-    assert cut_bonds(model.comm, model.points, model.bonds, polygon, np.array([1.0, 0.0, 0.0])) > 0
-    for rows, stored in zip(model.bonds.rows, before, strict=True):
-        rows.data[:] = stored - rows.data  # only the bonds that were cut are left
-    x, i, j, stored = bond_list(body)
-    return float((0.5 * stored * np.linalg.norm(x[j] - x[i], axis=1) ** 4).sum())  # c exp(-r^2) g w w r / 2 each
+    assert poissons_ratio == pytest.approx(LATTICE_POISSONS_RATIO, abs=PRINTED)
 
 
 def test_fracture_energy_formula():
@@ -146,15 +124,7 @@ def test_release_rate_of_a_cut_plane_approaches_the_formula(internal_length):
 
     From below: 3 % with l = Delta, 1.1 % with l = 1.5 Delta.
     """
-    reach = math.ceil(CUTOFF * internal_length)
-    scene = make_scene((2 * reach + 2, 2 * reach + 1, 2 * reach + 1), correction="none")
-    peridynamics = scene.peridynamics.model_copy(update={"internal_length": internal_length})
-    scene = scene.model_copy(update={"peridynamics": peridynamics})
-    edge = 1.0 / internal_length  # of a cell, model units
-    mean = 0.0
-    for place, gap in GAPS.items():
-        mean += gap * released(build(scene, loaded=False), place * edge, (0.5 * edge, 0.5 * edge)) / edge**2
-    mean /= FRACTURE_CONSTANT * KEPT_FRACTURE_ENERGY * BULK_MODULUS
+    mean = release_rate_inside(internal_length) / (FRACTURE_CONSTANT * KEPT_FRACTURE_ENERGY * BULK_MODULUS)
     assert mean == pytest.approx(LATTICE_RATE[internal_length], abs=THREE_DIGITS)
 
 
@@ -167,29 +137,14 @@ def test_fracture_energy_of_a_plate_is_that_of_its_own_bonds(correction, thickne
     assert found == pytest.approx(OWN_BONDS[correction, thickness], abs=OWN_BONDS_TOLERANCE[correction])
 
 
-def cracked(kinematics="linear", size=FRONT):
-    """A block with a crack through its middle, between cells; the whole section, or a square of it."""
-    corners = ((4.0, -1.0, -1.0), (4.0, 8.0, -1.0), (4.0, 8.0, size), (4.0, -1.0, size))
-    scene = make_scene((8, 7, 7), kinematics=kinematics, cracks=(Crack(polygon=corners),), output=Output(damage=True))
-    return build(scene, loaded=False)
-
-
-def layers(body, damage):
-    """Damage of the eight points at the block's axis in each layer of points, from the crack outwards."""
-    x = point_positions(body.discretization) - [4.0, 3.5, 3.5]
-    inner = np.abs(x[:, 1:]).max(axis=1) < 0.5
-    distance = np.abs(x[inner, 0]).round(6)
-    return [damage[inner][distance == value] for value in np.unique(distance)]
-
-
 @pytest.mark.parametrize("kinematics", ["linear", "finite"])
 def test_damage_beside_a_full_crack(kinematics):
     """Eq. 5, Fig. 16: .3915 in the first layer of points beside a complete crack, .1346 in the second.
 
     So the figure's .38, "not necessarily material separation", is separation, and .5 is never reached.
     """
-    body = cracked(kinematics, 8.0)
-    found = layers(body, gather_damage(body.discretization, body.model))
+    body = cracked_block(kinematics)
+    found = damage_by_layer(body)
     for layer, expected in DAMAGE.items():
         np.testing.assert_allclose(found[layer], expected, rtol=0, atol=HALF_A_DIGIT)
     assert not np.concatenate(found[6:]).any()  # 2.8 cells away
@@ -197,7 +152,7 @@ def test_damage_beside_a_full_crack(kinematics):
 
 def test_damage_of_every_point_is_the_ratio_of_eq_5():
     """Eq. 5 against a sum over all pairs of points, near the front of a crack through half the section."""
-    body = cracked()
+    body = cracked_block(front=FRONT)
     found = gather_damage(body.discretization, body.model)
     x = point_positions(body.discretization)
     xi = x[None, :] - x[:, None]
