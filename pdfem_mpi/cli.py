@@ -33,6 +33,7 @@ from pdfem_mpi.scene import Scene, SceneError
 
 EXIT_USAGE = 64
 EXIT_INTERNAL_ERROR = 70
+EXIT_NOT_WRITTEN = 73
 START_TEST_SECONDS = 60
 
 # typer carries its own copy of click in newer versions; its exported exception leads to the base in all
@@ -358,6 +359,71 @@ def bench(
     _print_table("pdfem bench", bench.table(result))
     print(f"pdfem: numbers are in {out / 'bench.json'}")
     return 0
+
+
+@app.command()
+def study(
+    deck: DeckArgument,
+    vary: Annotated[
+        list[str],
+        typer.Option(
+            "--vary",
+            metavar="KEY=V1,V2",
+            help="Values of a key; keys that change together: a:b=1:2,3:4. Repeat it for all combinations.",
+        ),
+    ],
+    ranks: Annotated[int | None, typer.Option("-n", "--ranks", min=1, help="MPI ranks of each member.")] = None,
+    overrides: SetOption = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder of the study.", show_default="runs/<deck>-study")
+    ] = None,
+    plot: Annotated[
+        list[str] | None, typer.Option("--plot", metavar="RESULT", help="A column of study.csv to draw. Repeatable.")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Run members anew whose deck has changed since.")
+    ] = False,
+) -> int:
+    """Run DECK once for each combination of values, into one table and one figure; go on where it stopped."""
+    launch.prepare_environment()
+    if variable := launch.launcher_variable():
+        raise _fail(
+            [f"pdfem: {variable} is set: study starts its own ranks. Run it from a plain shell, with -n."],
+            launch.rank_by_launcher(),
+        )
+    from pdfem_mpi import study as studies
+
+    overrides, folder = overrides or [], out or Path("runs") / f"{deck.stem}-study"
+    try:
+        axes = studies.parse_axes(vary)
+        members = studies.make_members(deck, axes, overrides)
+        if ranks is not None and ranks > 1:
+            launch.mpirun_command(ranks)  # a missing launcher is told once, not by every member
+        changed = [] if overwrite else studies.changed_members(members, folder)
+    except DeckError as error:
+        raise _fail(error.messages, 0) from None
+    except studies.StudyError as error:
+        raise _fail([f"pdfem: {message}" for message in error.messages], 0) from None
+    except launch.LaunchError as error:
+        raise _fail([f"pdfem: {error}"], 0) from None
+    if changed:
+        raise _fail([f"pdfem: {message}" for message in changed], 0)
+    interruption = studies.Interruption()
+    start = studies.starter(deck, overrides, ranks, interruption)
+
+    def tell(text: str) -> None:
+        print(text, flush=True)
+
+    try:
+        code = studies.run_study(members, axes, folder, start, tell, plot or [], interruption)
+    except studies.StudyError as error:
+        raise _fail([f"pdfem: {message}" for message in error.messages], 0) from None
+    except OSError as error:
+        _print_problems([f"pdfem: {folder}: cannot be written: {error.strerror}. Choose another folder."], 0)
+        return EXIT_NOT_WRITTEN
+    words = {0: "finished", studies.EXIT_STOPPED: "stopped; the same command goes on"}
+    print(f"pdfem: study {words.get(code, 'finished, members failed')}; results in {folder / 'study.csv'}", flush=True)
+    return code
 
 
 @app.command()

@@ -475,6 +475,22 @@ def _expected(field: FieldInfo | None, annotation: Any) -> str:
     return words + (f" (dimension {dimension})" if dimension not in ("", "1") else "")
 
 
+def dimension_of(scene: Scene, key: str) -> str:
+    """Dimension of a key such as ``mesh.spacing`` or ``loads.0.total``; empty for one that has none."""
+    node: Any = scene
+    dimension = ""
+    for part in key.split("."):
+        if isinstance(node, tuple):
+            if not part.isdigit():
+                part = str([getattr(item, "name", None) for item in node].index(part))
+            node = node[int(part)]
+        else:
+            field = type(node).model_fields[part]
+            dimension = (field.json_schema_extra or {}).get("dimension", "")
+            node = getattr(node, part)
+    return dimension
+
+
 # --- writing ---------------------------------------------------------------------------------------------
 
 

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdfem_mpi.damage import local_damage
 from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.forces import Forces
 from pdfem_mpi.hex8 import gauss_positions
+from pdfem_mpi.model import Model
 from pdfem_mpi.parallel.comm import gather_rows
 
 
@@ -50,6 +52,21 @@ def gather_fields(discretization: Discretization, forces: Forces, u: np.ndarray)
         gathered = gather_rows(model.comm, number, rows, discretization.n_nodes)
         u_nodes = None if gathered is None else gathered * length
     return Fields(u_points, u_nodes) if model.comm.rank == 0 else None
+
+
+def gather_damage(discretization: Discretization, model: Model) -> np.ndarray | None:
+    """Local damage (eq. 5) of all points in global order; None except on rank 0, or if not asked for. Collective.
+
+    Returns
+    -------
+    float64, shape (n_points,), dimension 1
+    """
+    if model.intact_weights is None:
+        return None
+    cells = model.points.cell_number[: model.points.n_owned]
+    rows = local_damage(model.comm, model.points, model.bonds, model.intact_weights)
+    gathered = gather_rows(model.comm, cells, rows, discretization.n_point_cells)
+    return None if gathered is None else gathered.reshape(-1)
 
 
 def fields_sha256(fields: Fields) -> str:

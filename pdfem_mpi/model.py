@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pdfem_mpi.bonds import Bonds, Points, cut_bonds, fictitious_masses, make_bonds, pattern_for, perturbed
+from pdfem_mpi.damage import family_weights
 from pdfem_mpi.discretization import Discretization, ModelUnits
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.finite_elements import (
@@ -142,6 +143,8 @@ class Model:
         Largest ``|G / g_inf - 1|`` of the surface correction before its last sweep.
     cut : tuple of int
         Bonds cut by each initial crack, on all ranks.
+    intact_weights : int64, shape (n_owned, 8), or None
+        Denominators of the local damage (eq. 5), where the deck asks for it.
     """
 
     comm: Intracomm
@@ -156,6 +159,7 @@ class Model:
     mass: np.ndarray
     correction_remaining: float
     cut: tuple[int, ...]
+    intact_weights: np.ndarray | None = None
 
     @property
     def n_point_unknowns(self) -> int:
@@ -189,7 +193,7 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -
     owner = partition(discretization, comm.size)
     subdomain = cut_out(discretization, owner, comm.rank)
     points = bonds = nodes = elements = overlap = None
-    remaining, cut = 0.0, []
+    remaining, cut, intact_weights = 0.0, [], None
     if discretization.has_points.any():
         points = _make_points(discretization, subdomain, comm)
         finite = scene.peridynamics.kinematics == "finite"
@@ -198,6 +202,8 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -
         )
         if scene.peridynamics.stiffness_noise:
             bonds = perturbed(points, bonds, scene.peridynamics.stiffness_noise, scene.peridynamics.seed)
+        if scene.output.damage:
+            intact_weights = family_weights(comm, points, bonds)
         for crack in scene.cracks:
             corners = (np.array(crack.polygon) - discretization.units.origin) / discretization.units.length
             normal, _ = polygon_normal(crack.polygon)
@@ -223,6 +229,7 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -
         mass=mass,
         correction_remaining=remaining,
         cut=tuple(cut),
+        intact_weights=intact_weights,
     )
 
 
@@ -252,6 +259,7 @@ def build_intact_elements(discretization: Discretization, model: Model) -> Model
         elements=elements,
         overlap=None,
         mass=np.zeros(3 * nodes.n_owned),
+        intact_weights=None,
     )
 
 

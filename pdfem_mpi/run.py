@@ -20,7 +20,7 @@ from pdfem_mpi import __version__
 from pdfem_mpi.bonds import total_bonds
 from pdfem_mpi.discretization import Discretization, ModelUnits, discretize
 from pdfem_mpi.failure import Failure, make_failure
-from pdfem_mpi.fields import Fields, fields_sha256, gather_fields, point_positions
+from pdfem_mpi.fields import Fields, fields_sha256, gather_damage, gather_fields, point_positions
 from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.kernels.warm_up import compile_kernels
 from pdfem_mpi.loading import make_load_case
@@ -208,7 +208,8 @@ class _Run:
                 output_start = perf_counter()
                 fields = gather_fields(discretization, forces, state.u)
                 columns = _history_row(row, discretization.units, failure is not None)
-                on_root(comm, lambda c=columns, f=fields: writer(c, f))
+                damage = gather_damage(discretization, model)
+                on_root(comm, lambda c=columns, f=fields, d=damage: writer(c, f, d))
                 self.reporter.row(columns)
                 output += perf_counter() - output_start
         except (NotConverged, NotFinite) as error:
@@ -283,10 +284,13 @@ class _Run:
                 )
                 frames.append(("elements.vtkhdf", lambda fields: fields.u_nodes))
 
-        def write(columns: dict[str, Any], fields: Fields) -> None:
+        def write(columns: dict[str, Any], fields: Fields, damage: np.ndarray | None) -> None:
             history.append(columns)
             for name, pick in frames:
-                vtkhdf.append_frame(out / name, columns["load_factor"], {"displacement": pick(fields)})
+                arrays = {"displacement": pick(fields)}
+                if damage is not None and name == "points.vtkhdf":
+                    arrays["damage"] = damage
+                vtkhdf.append_frame(out / name, columns["load_factor"], arrays)
 
         return write
 

@@ -763,10 +763,26 @@ Probe = Annotated[DisplacementProbe | BarProbe | LineProbe, Field(discriminator=
 
 
 class Output(Table):
-    """What is written beside the summary and the history; deck table ``[output]``."""
+    """What is written beside the summary and the history; deck table ``[output]``.
+
+    Attributes
+    ----------
+    fields : bool
+        ``points.vtkhdf`` and ``elements.vtkhdf``.
+    figures : bool
+    damage : bool
+        Local damage of the peridynamic points (eq. 5) in ``points.vtkhdf``.
+    """
 
     fields: bool = key(True)
     figures: bool = key(True)
+    damage: bool = key(False)
+
+    def problems(self) -> list[Problem]:
+        """A file for the damage to stand in."""
+        if self.damage and not self.fields:
+            return [Problem("damage", "= true is a field, and fields = false writes none. Change one of the two.")]
+        return []
 
 
 class Scene(Table):
@@ -882,6 +898,12 @@ def _check_something_loads(stepping: Any, loads: Sequence[Any], supports: Sequen
             "Add a table [[loads]], or a support that moves.",
         )
     ]
+
+
+def _check_damage(output: Output, regions: Sequence[Region]) -> list[Problem]:
+    if not output.damage or _has_model(regions, "peridynamics"):
+        return []
+    return [Problem("output.damage", "= true counts broken bonds, and no region has any. Remove it.")]
 
 
 def _has_model(regions: Sequence[Region], model: str) -> bool:
@@ -1011,6 +1033,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("material", "regions", "stepping"), _check_failure),
     (("stepping", "solver"), _check_stepping_solver),
     (("stepping", "loads", "supports"), _check_something_loads),
+    (("output", "regions"), _check_damage),
     (("regions",), _check_region_names),
     (("probes",), _check_probe_names),
     (("regions", "loads"), _check_references),

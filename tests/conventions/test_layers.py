@@ -16,6 +16,7 @@ LEVELS = (
     ("deck", "mesh", "parallel.halo"),
     ("discretization",),
     ("bonds", "subdomain"),
+    ("damage",),
     ("model", "memory"),
     ("failure",),
     ("loading", "forces", "results"),
@@ -24,7 +25,7 @@ LEVELS = (
     ("solvers",),
     ("stepping",),
     ("run",),
-    ("bench", "peers"),
+    ("bench", "peers", "study"),
     ("cli",),
     ("__main__",),
 )

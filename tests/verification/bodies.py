@@ -15,7 +15,7 @@ from pdfem_mpi.discretization import Discretization, discretize
 from pdfem_mpi.fields import Fields, gather_fields, point_positions
 from pdfem_mpi.forces import Forces
 from pdfem_mpi.loading import LoadCase, make_load_case
-from pdfem_mpi.model import Model, build_model, cluster_layout
+from pdfem_mpi.model import Model, build_model, cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run import run
 from pdfem_mpi.scene import (
@@ -133,6 +133,24 @@ def build(scene, comm=None, loaded=True):
     case = make_load_case(scene, discretization, model) if loaded else None
     state = new_state(model)
     return Body(scene, discretization, model, case, Forces(model, state.bounds), state)
+
+
+def bond_list(body):
+    """All bonds of a body on one rank: positions (n, 3), ends i and j, and the first stored number of each bond.
+
+    With linear kinematics that is ``c exp(-r^2) g_ij w_i w_j / r^3``, with finite ``c exp(-r^2) g_ij w_i w_j / (2 r)``.
+    """
+    bonds = body.model.bonds
+    stride = 8 if bonds.finite else 4
+    found = []
+    for rows in bonds.rows:
+        n = len(rows.offset) - 1
+        i = np.repeat(np.repeat(np.arange(len(rows.start) - 1), np.diff(rows.start)), 4)
+        j = (4 * (rows.offset[:-1].astype(np.int64) // 36)[:, None] + np.arange(4)).reshape(-1)
+        stored = rows.data.reshape(-1, stride)[:n, :4].reshape(-1).astype(float)
+        there = stored != 0.0
+        found.append((i[there], j[there], stored[there]))
+    return point_rows(body.model.points.x), *(np.concatenate(arrays) for arrays in zip(*found, strict=True))
 
 
 def fields_of_positions(discretization, displacement):

@@ -1,12 +1,10 @@
 """Section 4.2: the plate with a circular cutout without failure, by finite elements, peridynamics, and coupled."""
 
 import csv
-import math
 
 import numpy as np
 import pytest
 import skfem
-from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from helpers import ROOT
 from pdfem_mpi.deck import parse_deck
@@ -14,6 +12,7 @@ from pdfem_mpi.fields import gather_fields
 from pdfem_mpi.scene import PlateWithHoleMesh
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from verification.bodies import Silence, build, run_deck
+from verification.scikit import trilinear_elements
 
 STRAIN, HALF_LENGTH, HALF_WIDTH, RADIUS = 1.0e-3, 4.5, 1.5, 0.4  # far from the hole; in
 POISSONS_RATIO = 0.25
@@ -76,16 +75,9 @@ def without_rigid_motion(x, u):
 
 def reference_solution(scene, mesh):
     """The same mesh, quadrature and loads by scikit-fem, held at three nodes."""
-    element = skfem.ElementVector(skfem.ElementHex1())
-    corner = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
-    order = [int(np.flatnonzero((corner == place).all(axis=1))[0]) for place in skfem.ElementHex1.doflocs]
-    body = skfem.MeshHex(np.ascontiguousarray(mesh.nodes.T), np.ascontiguousarray(mesh.cells[:, order].T))
-    one = 0.5 + np.array([-0.5, 0.5]) / math.sqrt(3.0)
-    points = np.stack([axis.reshape(-1) for axis in np.meshgrid(one, one, one)])
-    basis = skfem.Basis(body, element, quadrature=(points, np.full(8, 1.0 / 8.0)))
-    lame = lame_parameters(scene.material.youngs_modulus, scene.material.poissons_ratio)
-    stiffness = skfem.asm(linear_elasticity(*lame), basis)
-    load = np.zeros(basis.N)
+    material = scene.material
+    body, element, stiffness, dofs = trilinear_elements(mesh, material.youngs_modulus, material.poissons_ratio)
+    load = np.zeros(stiffness.shape[0])
     for sign in (-1.0, 1.0):
         facets = body.facets_satisfying(lambda x, end=sign * HALF_LENGTH: np.abs(x[0] - end) < 1e-9)
         area = 4.0 * HALF_WIDTH * 0.1
@@ -94,7 +86,6 @@ def reference_solution(scene, mesh):
     # node 0 in all directions, a node at the other end of its edge along x in y and z, one along y in z
     far_x = int(np.argmin(np.linalg.norm(mesh.nodes - [HALF_LENGTH, -HALF_WIDTH, -0.1], axis=1)))
     far_y = int(np.argmin(np.linalg.norm(mesh.nodes - [-HALF_LENGTH, HALF_WIDTH, -0.1], axis=1)))
-    dofs = basis.nodal_dofs
     held = np.concatenate([dofs[:, 0], dofs[1:, far_x], dofs[2:, far_y]])
     u = skfem.solve(*skfem.condense(stiffness, load, D=held))
     return u[dofs].T

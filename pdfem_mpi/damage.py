@@ -1,0 +1,53 @@
+"""Local damage of the peridynamic points, eq. (5): the weighted share of a point's bonds that are broken."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pdfem_mpi.bonds import Bonds, Points
+from pdfem_mpi.kernels.local_damage import add_bond_weights
+from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.parallel.comm import largest
+
+#: A term has this many bits: a point may have ``2**(63 - TERM_BITS)`` bonds, far more than fit into memory.
+TERM_BITS = 40
+
+
+def family_weights(comm, points: Points, bonds: Bonds) -> np.ndarray:
+    """``sum_j mu exp(-(|xi|/l)^2) w_j`` over the bonds that the owned points have now (eq. 5). Collective.
+
+    Returns
+    -------
+    int64, shape (n_owned, 8)
+        By cell and point, in multiples of one quantum: the same integers on any number of ranks. Two calls for one
+        body have the same quantum.
+    """
+    bound = float(largest(comm, np.array([points.volume.max(initial=0.0)]))[0])
+    quantum = 2.0 ** (math.frexp(bound)[1] - TERM_BITS)
+    sums = np.zeros(points.n_clusters * W, np.int64)
+    stride = (2 if bonds.finite else 1) * W
+    for rows in bonds.rows:
+        add_bond_weights(*rows.arrays, stride, points.x, points.volume, quantum, sums)
+    by_cell = sums.reshape(-1, 2 * W)
+    points.halo.scatter_reverse(by_cell)
+    return by_cell[: points.n_owned]
+
+
+def local_damage(comm, points: Points, bonds: Bonds, intact: np.ndarray) -> np.ndarray:
+    """Local damage of the owned points (eq. 5). Collective.
+
+    Parameters
+    ----------
+    intact : int64, shape (n_owned, 8)
+        `family_weights` before any bond was cut or broken: the denominator. Its own point, whose bond would have no
+        length, has no part in either sum.
+
+    Returns
+    -------
+    float64, shape (n_owned, 8), dimension 1
+        0 where all bonds are there, exactly 1 where none is; 0 for a point that never had any.
+    """
+    now = family_weights(comm, points, bonds)
+    return 1.0 - np.where(intact > 0, now, 1) / np.maximum(intact, 1)

@@ -1,0 +1,95 @@
+"""What tests and docs/paper.md measure alike on small bodies: eigenvalues, elastic constants, release rates, damage."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pdfem_mpi.bonds import cut_bonds
+from pdfem_mpi.fields import gather_damage, point_positions
+from pdfem_mpi.scene import Crack, Output
+from verification.bodies import bond_list, build, make_scene
+
+POWER_ITERATIONS = 200
+CUTOFF = 2.5  # internal lengths
+# Places of a plane between and within cells of edge 1, and the gaps between layers of Gauss points that they stand for
+GAPS = {0.0: 1.0 - 1.0 / math.sqrt(3.0), 0.5: 1.0 / math.sqrt(3.0)}
+BESIDE = 0.1  # half widths
+
+
+def largest_eigenvalue(body, mass=None):
+    """Rayleigh quotient of ``M^-1 K`` after a power iteration from a seeded vector: a lower bound.
+
+    Unknowns of infinite mass are held.
+    """
+    mass = body.model.mass if mass is None else mass
+    free = np.isfinite(mass)
+    weights = np.where(free, mass, 0.0)
+    x = np.where(free, np.random.default_rng(0).standard_normal(len(mass)), 0.0)
+    for _ in range(POWER_ITERATIONS):
+        y = -body.internal(x) / mass
+        quotient = (x * weights) @ y / ((x * weights) @ x)
+        x = y / np.abs(y).max()
+    return quotient
+
+
+def lattice_constants(body):
+    """Young's modulus over E_0 and Poisson's ratio by the bonds of the eight cells in the middle, unrelaxed."""
+    x, i, j, stored = bond_list(body)
+    central = np.abs(x).max(axis=1) < 1.0
+    moments = np.zeros((3, 3))
+    for end in (i, j):
+        square = (x[j] - x[i])[central[end]] ** 2
+        moments += np.einsum("n,na,nb->ab", stored[central[end]], square, square) / (2.0 * 8.0)  # 8 cells
+    normal, lateral = moments[0, 0], moments[0, 1]
+    return (normal - lateral) * (normal + 2.0 * lateral) / (normal + lateral), lateral / (normal + lateral)
+
+
+def released(body, place, half_width):
+    """Energy at unit stretch of the bonds cut by a crack at x = place, within half widths along y and z; cuts them.
+
+    For linear kinematics.
+    """
+    beside = BESIDE * half_width[0]  # a period of the lattice wherever it begins, and no bond ends on its edges
+    (low, high), (down, up) = ((beside - half, beside + half) for half in half_width)
+    polygon = np.array([[place, low, down], [place, high, down], [place, high, up], [place, low, up]])
+    model = body.model
+    before = [rows.data.copy() for rows in model.bonds.rows]
+    cut_bonds(model.comm, model.points, model.bonds, polygon, np.array([1.0, 0.0, 0.0]))
+    for rows, stored in zip(model.bonds.rows, before, strict=True):
+        rows.data[:] = stored - rows.data  # only the bonds that were cut are left
+    x, i, j, stored = bond_list(body)
+    return float((0.5 * stored * np.linalg.norm(x[j] - x[i], axis=1) ** 4).sum())  # c exp(-r^2) g w w r / 2 each
+
+
+def release_rate_inside(internal_length):
+    """Energy of the bonds across a unit of plane inside a body, at unit stretch, mean over the plane's places.
+
+    Cells of edge 1; without correction; in units of E l.
+    """
+    reach = math.ceil(CUTOFF * internal_length)
+    scene = make_scene((2 * reach + 2, 2 * reach + 1, 2 * reach + 1), correction="none")
+    peridynamics = scene.peridynamics.model_copy(update={"internal_length": internal_length})
+    scene = scene.model_copy(update={"peridynamics": peridynamics})
+    edge = 1.0 / internal_length  # model units
+    return sum(
+        gap * released(build(scene, loaded=False), place * edge, (0.5 * edge, 0.5 * edge)) / edge**2
+        for place, gap in GAPS.items()
+    )
+
+
+def cracked_block(kinematics="linear", front=8.0):
+    """A block of 8 x 7 x 7 cells with a crack through its middle, between cells, up to a height z."""
+    corners = ((4.0, -1.0, -1.0), (4.0, 8.0, -1.0), (4.0, 8.0, front), (4.0, -1.0, front))
+    scene = make_scene((8, 7, 7), kinematics=kinematics, cracks=(Crack(polygon=corners),), output=Output(damage=True))
+    return build(scene, loaded=False)
+
+
+def damage_by_layer(body):
+    """Damage of the points at the axis of `cracked_block` in each layer of points, from the crack outwards."""
+    damage = gather_damage(body.discretization, body.model)
+    x = point_positions(body.discretization) - [4.0, 3.5, 3.5]
+    inner = np.abs(x[:, 1:]).max(axis=1) < 0.5
+    distance = np.abs(x[inner, 0]).round(6)
+    return [damage[inner][distance == value] for value in np.unique(distance)]
