@@ -290,6 +290,31 @@ def check(deck: DeckArgument, overrides: SetOption = None) -> int:
 
 
 @app.command()
+def plot(
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
+    film: Annotated[bool, typer.Option("--movie", help="Draw the film of the damage too (damage.gif).")] = False,
+) -> int:
+    """Draw the figures of a run with failure again, from its result files."""
+    launch.prepare_environment()
+    from pdfem_mpi.run import draw_run
+
+    try:
+        scene = read_deck(folder / "deck.toml")
+        drawn = draw_run(folder, scene, film)
+    except DeckError as error:
+        raise _fail(error.messages, 0) from None
+    except OSError as error:
+        raise _fail([f"pdfem: {error.filename}: cannot be read or written ({error.strerror})."], 0) from None
+    if not drawn:
+        raise _fail([f"pdfem: {folder} has no history of broken bonds to draw."], 0)
+    for path in drawn:
+        print(path)
+    if film and not any(path.suffix == ".gif" for path in drawn):
+        raise _fail([f"pdfem: {folder} has no damage to film. Run the deck with --set output.damage=true."], 0)
+    return 0
+
+
+@app.command()
 def warmup() -> int:
     """Compile all kernels into the cache, for images and continuous integration."""
     comm = _start_world(None)

@@ -69,6 +69,13 @@ class NotWritten(Exception):
     """Rank 0 could not write; raised on all ranks."""
 
 
+def draw_run(folder: Path, scene: Scene, film: bool = False) -> list[Path]:
+    """Draw the figures of a run with failure from its result files, on this rank alone; the paths drawn."""
+    from pdfem_mpi.results.failure_plots import draw_failure
+
+    return draw_failure(folder, scene.title, scene.units.length, scene.units.force, film)
+
+
 def warm_up(comm) -> None:
     """Compile the kernels on one rank of each node, then load them on the others. Collective."""
     node = node_communicator(comm)
@@ -314,7 +321,11 @@ class _Run:
             write_line(self.out / "lines" / f"{name}.csv", zip(line.distance, line.position, u, line.kind, strict=True))
 
     def _draw(self) -> None:
-        if not (self.bar or self.lines) or not self.scene.output.figures:
+        if not self.scene.output.figures:
+            return
+        if self.rows and self.rows[-1].broken:
+            draw_run(self.out, self.scene)
+        if not (self.bar or self.lines):
             return
         from pdfem_mpi.results import plots
 

@@ -137,6 +137,35 @@ def frames(path: str | Path) -> int:
         return int(file["VTKHDF/Steps"].attrs["NSteps"])
 
 
+def frame_fields(path: str | Path) -> list[str]:
+    """Names of the point fields that the frames have."""
+    with h5py.File(path, "r", locking=False) as file:
+        return sorted(file["VTKHDF/Steps/PointDataOffsets"])
+
+
+def read_points(path: str | Path) -> np.ndarray:
+    """Reference positions, float64, shape (n, 3)."""
+    with h5py.File(path, "r", locking=False) as file:
+        return file["VTKHDF/Points"][:]
+
+
+def read_frame(path: str | Path, name: str, frame: int) -> np.ndarray:
+    """A point field of one frame, shape (n,) or (n, k).
+
+    Raises
+    ------
+    ValueError
+        There is no such frame.
+    """
+    with h5py.File(path, "r", locking=False) as file:
+        root = file["VTKHDF"]
+        present = int(root["Steps"].attrs["NSteps"])
+        if not 0 <= frame < present:
+            raise ValueError(f"{path}: has {present} frames, and no frame {frame}")
+        start = int(root["Steps/PointDataOffsets"][name][frame])
+        return root["PointData"][name][start : start + int(root["NumberOfPoints"][0])]
+
+
 def truncate(path: str | Path, n_frames: int) -> None:
     """Keep the first ``n_frames`` frames and drop the others.
 

@@ -155,13 +155,16 @@ def make_grid(
     where, xi = _locate(points.reshape(-1, 3), lower, h, counts)
     _add_moments(moments[:, 0], where, xi, gauss_volumes(positions[cells[own]]).reshape(-1))
 
-    # a node belongs to the grid cell of a Gauss point beside it, which is sure to lie in the body
+    # a node belongs to its own grid cell or, where the body leaves that empty, to the one of a Gauss point beside it;
+    # always taking the latter would make the grid's functions of a mirror-symmetric body unsymmetric
     beside = np.zeros((len(positions), 3))
     for g, signs in enumerate(GAUSS_POINTS > 0):
         a = [0, 1, 3, 2][signs[0] + 2 * signs[1]] + 4 * signs[2]
         lowest_last = np.argsort(own)[::-1]
         beside[cells[own[lowest_last], a]] = points[lowest_last, g]
     where, _ = _locate(beside[subdomain.owned_nodes], lower, h, counts)
+    own_cell, _ = _locate(nodes.x[: nodes.n_owned], lower, h, counts)
+    where = np.where((sum_integers(comm, moments[:, 0, 0]) > 0)[own_cell], own_cell, where)
     xi = (nodes.x[: nodes.n_owned] - lower) / h - np.stack(np.unravel_index(where, counts), axis=1)
     for d in range(3):
         held = fixed[:, d]

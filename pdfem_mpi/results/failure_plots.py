@@ -1,0 +1,225 @@
+"""Figures of a run with failure, from its result files alone: reaction, energies, damage, and a film of the damage."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from pdfem_mpi.results import vtkhdf
+from pdfem_mpi.results.files import replacing
+from pdfem_mpi.results.plots import DPI, LEGEND, SIZE_INCHES, STYLE
+
+COLORS = {"stable": "#0072B2", "avalanche": "#D55E00", "work": "#000000"}
+#: Columns of the history that the energies are drawn from, with label and colour (Okabe & Ito, 2008).
+ENERGIES = (
+    ("external_work", "work of loads and supports", "#000000"),
+    ("stored_energy", "stored", "#0072B2"),
+    ("dissipated_energy", "in broken bonds", "#D55E00"),
+    ("released_energy", "released by relaxation", "#009E73"),
+)
+STAGES = 4
+#: Damage beside a complete flat crack is 0.39 for l = Delta; the scale ends a little above.
+DAMAGE_SCALE = Normalize(0.0, 0.5)
+FILM_DPI, FRAME_SECONDS = 80, 0.25
+
+
+def read_history(path: str | Path) -> dict[str, list]:
+    """Columns of a history.csv: numbers, texts of ``event``, and None where a field is empty."""
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    columns: dict[str, list] = {name: [] for name in (rows[0] if rows else ())}
+    for row in rows:
+        for name, text in row.items():
+            columns[name].append(text if name == "event" else float(text) if text else None)
+    return columns
+
+
+def draw_failure(folder: str | Path, title: str, length: str, force: str, film: bool = False) -> list[Path]:
+    """Draw what the result files of a run folder allow into its ``figures``.
+
+    Parameters
+    ----------
+    folder : str or Path
+        With history.csv and, for the damage, points.vtkhdf.
+    title, length, force : str
+        Of the deck; labels only.
+    film : bool
+        Draw ``damage.gif`` too.
+
+    Returns
+    -------
+    list of Path
+        The figures drawn: ``reaction.png``, ``energies.png``, ``damage.png``, ``damage.gif``.
+    """
+    folder = Path(folder)
+    history = read_history(folder / "history.csv")
+    drawn: list[Path] = []
+    if not history.get("broken_bonds"):
+        return drawn
+    figures = folder / "figures"
+    figures.mkdir(exist_ok=True)
+    drawn.append(_draw_reaction(figures / "reaction.png", history, title, length, force))
+    drawn.append(_draw_energies(figures / "energies.png", history, title, length, force))
+    points = folder / "points.vtkhdf"
+    if points.exists() and vtkhdf.frames(points) and "damage" in vtkhdf.frame_fields(points):
+        layer = _Layer(points)
+        drawn.append(_draw_stages(figures / "damage.png", layer, history, title, length))
+        if film:
+            drawn.append(_draw_film(figures / "damage.gif", layer, history, title, length))
+    return drawn
+
+
+def _unit(*names: str) -> str:
+    return f" ({' '.join(names)})" if all(names) else ""
+
+
+def _new_figure(title: str) -> Figure:
+    figure = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained")
+    if title:
+        figure.suptitle(title)
+    return figure
+
+
+def _draw_reaction(path: Path, history: dict, title: str, length: str, force: str) -> Path:
+    """Reaction over displacement; equilibria told from states within an avalanche."""
+    u, reaction = (np.array(history[name]) for name in ("displacement", "reaction"))
+    events = np.array(history["event"])
+    stable = np.isin(events, ("critical", "arrest", "step"))
+    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+        figure = _new_figure(title)
+        axes = figure.subplots()
+        axes.plot(np.append(0.0, u), np.append(0.0, reaction), color="#999999", linewidth=1.0, zorder=1)
+        for chosen, label, color, marker in (
+            (stable, "in equilibrium", COLORS["stable"], "o"),
+            (~stable, "bonds breaking", COLORS["avalanche"], "s"),
+        ):
+            if chosen.any():
+                axes.plot(u[chosen], reaction[chosen], marker, color=color, markersize=4, label=label, linestyle="none")
+        peak = int(np.argmax(np.where(stable, reaction, -np.inf) if stable.any() else reaction))
+        axes.annotate(
+            f"peak {reaction[peak]:.5g}{' ' + force if force else ''}",
+            (u[peak], reaction[peak]),
+            textcoords="offset points",
+            xytext=(-12, 6),
+            ha="right",
+        )
+        axes.set_xlabel(f"displacement{_unit(length)}")
+        axes.set_ylabel(f"reaction{_unit(force)}")
+        axes.set_xlim(left=0.0)
+        axes.set_ylim(bottom=0.0)
+        axes.ticklabel_format(axis="x", scilimits=(-2, 4), useMathText=True)
+        figure.legend(loc="outside lower center", **LEGEND)
+        figure.savefig(temporary, format="png")
+    return path
+
+
+def _draw_energies(path: Path, history: dict, title: str, length: str, force: str) -> Path:
+    """Energies over the number of broken bonds."""
+    broken = np.array(history["broken_bonds"])
+    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+        figure = _new_figure(title)
+        axes = figure.subplots()
+        for name, label, color in ENERGIES:
+            if None not in history[name]:
+                axes.plot(broken, history[name], "o-", color=color, label=label, markersize=3, linewidth=1.4)
+        axes.set_xlabel("broken bonds")
+        axes.set_ylabel(f"energy{_unit(force, length)}")
+        axes.set_ylim(bottom=0.0)
+        axes.xaxis.set_major_locator(MaxNLocator(6))
+        figure.legend(loc="outside lower center", **(LEGEND | {"ncols": 4}))
+        figure.savefig(temporary, format="png")
+    return path
+
+
+class _Layer:
+    """The layer of points at one face of the body, across its shortest side, and their damage in each frame."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        x = vtkhdf.read_points(path)
+        sides = np.ptp(x, axis=0)
+        across = int(np.argmin(sides))
+        self.plane = [d for d in range(3) if d != across]
+        # points of one layer are no farther apart across the body than a tenth of their spacing within it
+        tolerance = 0.1 * np.sqrt(np.prod(sides[self.plane]) / len(x)) if len(x) else 0.0
+        self.chosen = np.flatnonzero(x[:, across] >= x[:, across].max() - tolerance)
+        self.x = x[self.chosen][:, self.plane]
+        self.low, self.high = self.x.min(axis=0), self.x.max(axis=0)
+
+    def damage(self, frame: int) -> np.ndarray:
+        return vtkhdf.read_frame(self.path, "damage", frame)[self.chosen]
+
+    def draw(self, axes: Axes, frame: int, length: str):
+        """One panel; the points as squares that fill it."""
+        figure = axes.figure
+        area = np.prod(self.high - self.low) / max(len(self.x), 1)
+        panel = axes.get_position()
+        inches = np.array([panel.width, panel.height]) * figure.get_size_inches()
+        scale = float(np.min(inches / (self.high - self.low)))
+        size = max((72.0 * 1.3 * np.sqrt(area) * scale) ** 2, 0.5)
+        axes.set_aspect("equal")
+        axes.grid(False)
+        axes.set_xlim(self.low[0], self.high[0])
+        axes.set_ylim(self.low[1], self.high[1])
+        axes.set_xlabel(f"${'xyz'[self.plane[0]]}${_unit(length)}")
+        axes.set_ylabel(f"${'xyz'[self.plane[1]]}${_unit(length)}")
+        return axes.scatter(
+            *self.x.T, c=self.damage(frame), s=size, marker="s", linewidths=0, cmap="inferno_r", norm=DAMAGE_SCALE
+        )
+
+
+def stages(broken: Sequence[float], n_frames: int) -> list[int]:
+    """Frames that show the start, two stages on the way and the end: by shares of the bonds broken at the end."""
+    counts = np.array(broken[:n_frames])
+    first = int(np.argmax(counts > 0))
+    shares = [int(np.argmin(np.abs(counts - share * counts[-1]))) for share in (1 / 3, 2 / 3)]
+    return list(dict.fromkeys([first, *shares, n_frames - 1]))
+
+
+def _draw_stages(path: Path, layer: _Layer, history: dict, title: str, length: str) -> Path:
+    """The paper's Fig. 16: local damage (eq. 5) at stages of the failure."""
+    frames = stages(history["broken_bonds"], vtkhdf.frames(layer.path))
+    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+        figure = _new_figure(title)
+        panels = np.atleast_1d(figure.subplots(2, 2)).ravel()
+        for panel, frame in zip(panels, frames, strict=False):
+            image = layer.draw(panel, frame, length)
+            panel.set_title(f"{history['broken_bonds'][frame]:,.0f} broken bonds", fontsize=10)
+        for panel in panels[len(frames) :]:
+            panel.set_axis_off()
+        figure.colorbar(image, ax=panels, label="local damage (0.39: a crack passes by)", extend="max", shrink=0.8)
+        figure.savefig(temporary, format="png")
+    return path
+
+
+def _draw_film(path: Path, layer: _Layer, history: dict, title: str, length: str) -> Path:
+    """One picture a frame, as an animated GIF."""
+    n_frames = vtkhdf.frames(layer.path)
+    unfinished = path.with_name(".unfinished.gif")  # the writer goes by the suffix
+    with matplotlib.rc_context(STYLE):
+        figure = _new_figure(title)
+        axes = figure.subplots()
+        image = layer.draw(axes, 0, length)
+        figure.colorbar(image, ax=axes, label="local damage (0.39: a crack passes by)", extend="max", shrink=0.8)
+
+        def show(frame):
+            image.set_array(layer.damage(frame))
+            axes.set_title(
+                f"load factor {history['load_factor'][frame]:.4g}, {history['broken_bonds'][frame]:,.0f} broken bonds",
+                fontsize=10,
+            )
+            return (image,)
+
+        film = FuncAnimation(figure, show, frames=n_frames, blit=False)
+        film.save(str(unfinished), writer=PillowWriter(fps=round(1.0 / FRAME_SECONDS)), dpi=FILM_DPI)
+    unfinished.replace(path)
+    return path
