@@ -26,6 +26,7 @@ ROOT = Path(__file__).resolve().parent.parent
 REPORTS = ROOT / ".check"
 PYTEST = [sys.executable, "-m", "pytest", "-q"]
 NOTHING_COLLECTED = "exit code 5"
+TWO_AT_ONCE = ["-n", "2", "--dist", "worksteal"]
 TAIL_LINES = 150
 GRACE_SECONDS = 5
 SLOW_SECONDS = 7200
@@ -84,7 +85,10 @@ def stages(include_slow: bool) -> list[Stage]:
         ),
         Stage(
             "serial",
-            [pytest("serial.xml", "-m", f"not mpi{slow}", "--ignore=tests/conventions")],
+            [
+                [sys.executable, "-m", "pdfem_mpi", "warmup"],  # once, before two processes would both compile
+                pytest("serial.xml", "-m", f"not mpi{slow}", "--ignore=tests/conventions", *TWO_AT_ONCE),
+            ],
             limit(300),
             [REPORTS / "serial.xml"],
         ),

@@ -181,8 +181,8 @@ def stages(broken: Sequence[float], n_frames: int) -> list[int]:
     """Frames that show the start, two stages on the way and the end: by shares of the bonds broken at the end."""
     counts = np.array(broken[:n_frames])
     first = int(np.argmax(counts > 0))
-    shares = [int(np.argmin(np.abs(counts - share * counts[-1]))) for share in (1 / 3, 2 / 3)]
-    return list(dict.fromkeys([first, *shares, n_frames - 1]))
+    shares = [first + int(np.argmin(np.abs(counts[first:] - share * counts[-1]))) for share in (1 / 3, 2 / 3)]
+    return sorted({first, *shares, n_frames - 1})
 
 
 def _draw_stages(path: Path, layer: _Layer, history: dict, title: str, length: str) -> Path:

@@ -271,3 +271,18 @@ def test_attributes_tell_what_the_file_belongs_to(tmp_path):
     vtkhdf.create_points(path, positions(), attributes={"format_version": 1, "deck_sha256": "ab12"})
     with h5py.File(path) as file:
         assert dict(file.attrs) == {"field_precision": "f4", "format_version": 1, "deck_sha256": "ab12"}
+
+
+def test_frames_read_back(tmp_path):
+    """Positions in double precision, fields of each frame by name; a frame that is not there is refused."""
+    x = np.random.default_rng(5).uniform(size=(7, 3))
+    path = tmp_path / "points.vtkhdf"
+    vtkhdf.create_points(path, x, {"region": np.arange(7)}, precision="f8")
+    for frame in range(3):
+        vtkhdf.append_frame(path, float(frame), {"displacement": x + frame, "damage": x[:, 0] * frame})
+    assert (vtkhdf.read_points(path) == x).all()
+    assert vtkhdf.frame_fields(path) == ["damage", "displacement"]
+    assert (vtkhdf.read_frame(path, "displacement", 2) == x + 2).all()
+    assert (vtkhdf.read_frame(path, "damage", 1) == x[:, 0]).all()
+    with pytest.raises(ValueError, match="has 3 frames, and no frame 3"):
+        vtkhdf.read_frame(path, "damage", 3)
