@@ -36,7 +36,7 @@ from pdfem_mpi.memory import forget_peak, peak_resident, resident
 from pdfem_mpi.model import Model, build_model
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.run import warm_up
-from pdfem_mpi.scene import Scene
+from pdfem_mpi.scene import FileMesh, Scene
 from pdfem_mpi.state import new_state
 
 SCHEMA_VERSION = 1
@@ -93,6 +93,8 @@ def case_of(scene: Scene | None, small: bool) -> dict:
     """What is measured: a box of unit cells with the sizes of a deck, of the plate, or of the small case."""
     if scene is None:
         return {"title": "small" if small else "plate", "cells": SMALL if small else PLATE, "cutoff": PAPER_CUTOFF}
+    if isinstance(scene.mesh, FileMesh):
+        raise BenchError("--deck: its mesh is a file, and only the sizes of a box can be taken. Give another deck.")
     spacing = scene.mesh.spacing
     cutoff = scene.peridynamics.lengths(spacing)[1] / spacing if scene.has_peridynamics else PAPER_CUTOFF
     return {"title": scene.title, "cells": scene.mesh.n_cells, "cutoff": cutoff}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import tomllib
 import types
 from collections.abc import Iterable, Sequence
@@ -89,6 +90,7 @@ def parse_deck(text: str, name: str, overrides: Sequence[str] = ()) -> Scene:
             overridden.add(_apply(data, override))
         except _OverrideProblem as problem:
             messages.append(f"--set {override.text}: {problem}")
+    _resolve_mesh_path(data, Path(name).parent)
     data = _freeze(data)
     scene, problems = _validate(data)
     for problem in problems:
@@ -202,6 +204,13 @@ def _find_item(items: list[Any], part: str, where: str) -> int:
     if named:
         choices += ", or by name " + ", ".join(named)
     raise _OverrideProblem(f"{where} has no item {part}. Items are: {choices}.{did_you_mean(part, named)}")
+
+
+def _resolve_mesh_path(data: dict[str, Any], folder: Path) -> None:
+    """Make the path of a mesh file absolute: the deck is copied to the run folder, the mesh is not."""
+    mesh = data.get("mesh")
+    if isinstance(mesh, dict) and isinstance(mesh.get("path"), str) and mesh["path"]:
+        mesh["path"] = os.path.abspath(folder / mesh["path"])
 
 
 # --- validation ------------------------------------------------------------------------------------------

@@ -15,10 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
-from pdfem_mpi.mesh import generators
+from pdfem_mpi.mesh import generators, named_sets
+from pdfem_mpi.mesh.defects import face_problems, find_defects
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.quality import Quality, measure
-from pdfem_mpi.scene import BoxMesh, PlateWithHoleMesh, Scene, SceneError
+from pdfem_mpi.mesh.reader import read_mesh
+from pdfem_mpi.scene import FileMesh, PlateWithHoleMesh, Scene, SceneError, cutoff_problems, show
+
+#: A spacing of a deck may lie outside of the edges of the file's cells by this fraction.
+SPACING_MISFIT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -93,22 +98,66 @@ class Discretization:
         return self.has_stiffness | self.is_overlap
 
 
-def make_mesh(mesh: BoxMesh | PlateWithHoleMesh) -> HexMesh:
-    """The mesh a deck asks for."""
-    if isinstance(mesh, PlateWithHoleMesh):
-        return generators.plate_with_hole(mesh.lower, mesh.upper, mesh.hole_radius, mesh.spacing)
-    return generators.box(mesh.lower, mesh.upper, mesh.n_cells)
+def make_mesh(scene: Scene) -> HexMesh:
+    """The mesh a deck asks for; one from a file is looked at as a whole, with what the deck says of it.
+
+    Raises
+    ------
+    SceneError
+        A file that cannot be read, or all that is wrong with its cells, its nodes, and the sets that the deck names.
+    """
+    entry = scene.mesh
+    if isinstance(entry, PlateWithHoleMesh):
+        return generators.plate_with_hole(entry.lower, entry.upper, entry.hole_radius, entry.spacing)
+    if not isinstance(entry, FileMesh):
+        return generators.box(entry.lower, entry.upper, entry.n_cells)
+    mesh, node_number = read_mesh(entry)
+    messages = find_defects(mesh, node_number) + _spacing_problems(scene, mesh)
+    for table, entries in (("loads", scene.loads), ("supports", scene.supports)):
+        for index, item in enumerate(entries):
+            if item.set is not None:
+                messages += named_sets.find_problems(mesh, item, f"{table}.{index}")
+            elif item.face is not None:
+                messages += face_problems(mesh, item.face, f"{table}.{index}")
+    try:
+        _assign_regions(scene, mesh)
+    except SceneError as error:
+        messages += error.messages
+    if messages:
+        raise SceneError(messages)
+    return mesh
 
 
-def discretize(scene: Scene) -> Discretization:
+def _spacing_problems(scene: Scene, mesh: HexMesh) -> list[str]:
+    """A spacing that is not the cells', and what ``scene.CHECKS`` say of one that the deck leaves to the cells."""
+    edge = scene.mesh.spacing
+    if edge is None:
+        if not scene.has_peridynamics:
+            return []
+        problems = cutoff_problems(scene.peridynamics, mesh.average_edge, "the mean edge of the cells")
+        return [f"{problem.key} {problem.text}" for problem in problems]
+    if mesh.smallest_edge * (1.0 - SPACING_MISFIT) <= edge <= mesh.largest_edge * (1.0 + SPACING_MISFIT):
+        return []
+    return [
+        f"mesh.spacing = {show(edge)} is not between the shortest and the longest edge of the cells, "
+        f"{mesh.smallest_edge:.6g} and {mesh.largest_edge:.6g}. Leave it out, or correct it or mesh.scale."
+    ]
+
+
+def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
     """Decide what every cell of the scene's mesh carries.
+
+    Parameters
+    ----------
+    mesh : HexMesh, optional
+        What `make_mesh` gave; made here, if not given.
 
     Raises
     ------
     SceneError
         Cells inside out, regions that overlap or leave cells out, an empty region, an overlap that does not fit.
     """
-    mesh = make_mesh(scene.mesh)
+    mesh = make_mesh(scene) if mesh is None else mesh
     quality = measure(mesh)
     region = _assign_regions(scene, mesh)
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
@@ -144,6 +193,8 @@ def discretize(scene: Scene) -> Discretization:
 
 def _cell_edge(scene: Scene, mesh: HexMesh) -> float:
     """The paper's Delta: graded cells of a plate are "approximately" as wide as its spacing (sec. 4.2)."""
+    if isinstance(scene.mesh, FileMesh):
+        return mesh.average_edge if scene.mesh.spacing is None else scene.mesh.spacing
     return scene.mesh.spacing if isinstance(scene.mesh, PlateWithHoleMesh) else mesh.largest_edge
 
 
@@ -153,9 +204,19 @@ def _number(chosen: np.ndarray) -> np.ndarray:
 
 def _assign_regions(scene: Scene, mesh: HexMesh) -> np.ndarray:
     region = np.full(len(mesh.cells), -1, np.int16)
-    messages = []
+    messages, unknown = [], False
     for index, entry in enumerate(scene.regions):
-        inside = mesh.cells_in_box(entry.lower, entry.upper)
+        if entry.set is None:
+            inside = mesh.cells_in_box(entry.lower, entry.upper)
+        else:
+            where = f"regions.{entry.name}.set"
+            try:
+                named_sets.kind_of(mesh, entry.set, "regions", where)
+            except SceneError as error:
+                messages += error.messages
+                unknown = True
+                continue
+            inside = named_sets.cells(mesh, entry.set)
         if not inside.any():
             messages.append(
                 f"regions.{entry.name} contains no cell: its box misses all centroids of the mesh, which lie in "
@@ -170,7 +231,7 @@ def _assign_regions(scene: Scene, mesh: HexMesh) -> np.ndarray:
             )
         region[inside & (region < 0)] = index
     left = region < 0
-    if left.any():
+    if left.any() and not unknown:
         messages.append(
             f"regions leave out {np.count_nonzero(left)} of {len(region)} cells, the first {_places(mesh, left)}. "
             "Extend a region, or add one."

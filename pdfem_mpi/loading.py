@@ -16,6 +16,7 @@ from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_volumes
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
 from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.mesh import named_sets
 from pdfem_mpi.model import Model, cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.scene import BodyForce, Scene, SceneError, Traction
@@ -259,9 +260,11 @@ def _select_cells(discretization: Discretization, entry, where: str, scene: Scen
         chosen = discretization.region == names.index(entry.region)
     elif entry.face is not None:
         chosen = mesh.cells_near_face(entry.face, entry.layers)
+    elif entry.set is not None:
+        chosen = named_sets.cells_of(mesh, entry, where)
     else:
         chosen = mesh.cells_in_box(entry.lower, entry.upper)
-    if not chosen.any():
+    if not chosen.any() and entry.set is None:
         raise SceneError(
             [
                 f"{where} selects no cell of the mesh, whose cells are {mesh.largest_edge:.6g} wide. Widen its box."
@@ -284,13 +287,16 @@ def _density(discretization: Discretization, load: BodyForce, where: str, scene:
 
 def _traction(discretization: Discretization, load: Traction, where: str) -> np.ndarray:
     """Nodal forces of a traction, shape (n_mesh_nodes, 3), model units."""
-    cells, faces = discretization.mesh.faces_on_face(load.face)
+    if load.set is None:
+        (cells, faces), key, name = discretization.mesh.faces_on_face(load.face), "face", load.face
+    else:
+        (cells, faces), key, name = named_sets.faces_of(discretization.mesh, load, where), "set", load.set
     if discretization.has_points[cells].any():
         count = np.count_nonzero(discretization.has_points[cells])
         raise SceneError(
             [
-                f"{where}.face = {load.face} has {count} of {len(cells)} faces on peridynamic cells, where a traction "
-                f'gives no force (sec. 2.2). Use kind = "body_force" with face = "{load.face}".'
+                f"{where}.{key} = {name} has {count} of {len(cells)} faces on peridynamic cells, where a traction "
+                f'gives no force (sec. 2.2). Use kind = "body_force" with {key} = "{name}".'
             ]
         )
     corners = discretization.nodes[faces]
@@ -342,6 +348,9 @@ def _prescriptions(scene: Scene, discretization: Discretization, messages: list[
         nodes[mesh.cells[cells & discretization.has_nodes]] = True
         if support.face is not None:
             nodes &= mesh.nodes_on_face(support.face)
+        if support.set is not None:
+            nodes, stray = _nodes_of_set(discretization, support, where, cells)
+            messages += stray
         for d, amount in enumerate((support.x, support.y, support.z)):
             if amount is None:
                 continue
@@ -360,6 +369,22 @@ def _prescriptions(scene: Scene, discretization: Discretization, messages: list[
                 table[chosen, d] = displacement
                 holder[chosen, d] = index
     return (on_cells, on_nodes), (by_cells, by_nodes)
+
+
+def _nodes_of_set(discretization: Discretization, support, where: str, cells: np.ndarray):
+    """Nodes of elements that a support's set holds, bool, (n_nodes,), and what it holds where nothing can be."""
+    mesh = discretization.mesh
+    wanted = named_sets.nodes_of(mesh, support, where)
+    chosen = wanted & (discretization.node_number >= 0)
+    wanted[mesh.cells[cells]] = False
+    stray = np.flatnonzero(wanted & ~chosen)
+    if not len(stray):
+        return chosen, []
+    place = ", ".join(f"{c:.6g}" for c in mesh.nodes[stray[0]])
+    return chosen, [
+        f"{where}.set = {support.set} has {len(stray)} nodes of peridynamic cells that make up no face of one, the "
+        f"first at ({place}): peridynamic points are held beneath faces or in cells. Use such a set."
+    ]
 
 
 def _lump_on_nodes(discretization: Discretization, on_cells: np.ndarray, on_nodes: np.ndarray) -> None:

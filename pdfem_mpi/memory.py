@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.hex8 import gauss_positions
 from pdfem_mpi.parallel.comm import agree, largest, node_communicator, sum_integers
-from pdfem_mpi.scene import Scene, SceneError
+from pdfem_mpi.scene import FileMesh, Scene, SceneError
 from pdfem_mpi.subdomain import Subdomain, cut_out, partition
 
 #: Cells of a rank whose families are searched.
@@ -75,14 +75,13 @@ def forget_peak() -> None:
         return
 
 
-def check_mesh(scene: Scene, comm) -> None:
-    """Refuse a mesh that would not fit, before it is made. Collective.
+def check_mesh(scene: Scene, n_cells: int, comm) -> None:
+    """Refuse a mesh that would not fit, before it is made or, from a file, given to all ranks. Collective.
 
     Raises
     ------
     SceneError
     """
-    n_cells = math.prod(scene.mesh.n_cells)
     _refuse(scene, comm, n_cells * (CELL_BYTES + CELL_PEAK_BYTES), f"the mesh of {n_cells:,} cells")
 
 
@@ -160,11 +159,13 @@ def _refuse(scene: Scene, comm, needed: float, what: str) -> None:
     node.Free()
     messages = []
     if whole > available and first:
+        is_file = isinstance(scene.mesh, FileMesh)
+        mesh = f"mesh.path = {scene.mesh.path}" if is_file else f"mesh.spacing = {scene.mesh.spacing:g}"
         shares = f" for {ranks} ranks, {show_bytes(most)} for the largest" if ranks > 1 else ""
         messages = [
-            f"mesh.spacing = {scene.mesh.spacing:g} does not fit into memory: {what} needs "
+            f"{mesh} does not fit into memory: {what} needs "
             f"{show_bytes(whole)}{shares}, and {platform.node() or 'this computer'} has {show_bytes(available)} "
-            "available. Use a larger spacing, a smaller peridynamic region, or more computers."
+            "available. Use larger cells, a smaller peridynamic region, or more computers."
         ]
     if messages := agree(comm, messages):
         raise SceneError(messages)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import platform
 import resource
@@ -18,20 +19,20 @@ import numpy as np
 
 from pdfem_mpi import __version__
 from pdfem_mpi.bonds import total_bonds
-from pdfem_mpi.discretization import Discretization, ModelUnits, discretize
+from pdfem_mpi.discretization import Discretization, ModelUnits, discretize, make_mesh
 from pdfem_mpi.failure import Failure, make_failure
 from pdfem_mpi.fields import Fields, fields_sha256, gather_damage, gather_fields, point_positions
 from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.kernels.warm_up import compile_kernels
 from pdfem_mpi.loading import make_load_case
-from pdfem_mpi.memory import check_mesh, check_model, show_bytes
+from pdfem_mpi.memory import Need, check_mesh, check_model, show_bytes
 from pdfem_mpi.model import Model, build_model
 from pdfem_mpi.parallel.comm import agree, broadcast, largest, node_communicator, sum_integers
 from pdfem_mpi.probes import Bar, Line, bar_results, displacement_at, measure_bar, measure_line
 from pdfem_mpi.results.history import History
 from pdfem_mpi.results.lines import write_line
 from pdfem_mpi.results.summary import write_summary
-from pdfem_mpi.scene import BarProbe, DisplacementProbe, LineProbe, Scene, SceneError, Steps
+from pdfem_mpi.scene import BarProbe, DisplacementProbe, FileMesh, LineProbe, Scene, SceneError, Steps
 from pdfem_mpi.solvers.convergence import NotConverged, Progress
 from pdfem_mpi.state import new_state
 from pdfem_mpi.stepping import Report, follow_load_program, make_solver
@@ -101,6 +102,34 @@ def on_root(comm, action: Callable[[], Any]) -> Any:
     return result
 
 
+def prepare(scene: Scene, comm) -> tuple[Discretization, Need]:
+    """The discretization of a scene that fits into memory, and what this rank will need. Collective.
+
+    A mesh file is read by rank 0.
+
+    Raises
+    ------
+    SceneError
+        On all ranks.
+    """
+    mesh = None
+    if isinstance(scene.mesh, FileMesh):
+        messages = []
+        if comm.rank == 0:
+            try:
+                mesh = make_mesh(scene)
+            except SceneError as error:
+                messages = error.messages
+        if messages := agree(comm, messages):
+            raise SceneError(messages)
+        check_mesh(scene, broadcast(comm, len(mesh.cells) if mesh else 0), comm)
+        mesh = broadcast(comm, mesh)
+    else:
+        check_mesh(scene, math.prod(scene.mesh.n_cells), comm)
+    discretization = discretize(scene, mesh)
+    return discretization, check_model(scene, discretization, comm)
+
+
 def check_scene(scene: Scene, comm) -> dict[str, str]:
     """What a run of the scene would allocate, by name; nothing large is allocated. Collective.
 
@@ -109,9 +138,7 @@ def check_scene(scene: Scene, comm) -> dict[str, str]:
     SceneError
         Also when it would not fit into memory.
     """
-    check_mesh(scene, comm)
-    discretization = discretize(scene)
-    need = check_model(scene, discretization, comm)
+    discretization, need = prepare(scene, comm)
     counts, quality = _counts(discretization, None), discretization.quality
     bonds, total = sum_integers(comm, np.array([int(need.bonds), int(need.bytes)]))
     return {
@@ -186,9 +213,7 @@ class _Run:
                 self.reporter.line("compiling the kernels, once on this machine (10 to 30 s)")
             warm_up(comm)
         with _phase(self.seconds, "setup"):
-            check_mesh(scene, comm)
-            discretization = discretize(scene)
-            check_model(scene, discretization, comm)
+            discretization, _ = prepare(scene, comm)
             model = build_model(scene, discretization, comm)
             case = make_load_case(scene, discretization, model)
             state = new_state(model)
@@ -373,7 +398,11 @@ class _Run:
             "deck_sha256": _sha256(self.deck_text),
             "fields_sha256": fields_sha256(fields) if fields else None,
             "ranks": self.comm.size,
-            "mesh": {"kind": self.scene.mesh.kind, **asdict(discretization.quality)},
+            "mesh": {
+                "kind": self.scene.mesh.kind,
+                "sha256": discretization.mesh.sha256(),
+                **asdict(discretization.quality),
+            },
             "counts": counts,
             "bonds_per_rank": loads,
             "solve": {

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import functools
 import itertools
 import math
 import re
@@ -27,6 +28,7 @@ SPACING_TOLERANCE = 1e-6  # relative misfit of a side and a whole number of spac
 MAX_CELLS = 2**28  # 2**31 points: far above any machine this is for; catches a spacing typed in other units
 HOLE_CELLS = 2  # spacings that the radius of a hole, and its distance from an edge, must have: room to grade cells
 CUTOFF_RATIO = 2.5  # r_c / l of the paper (sec. 4.1, appendix B)
+MESH_SUFFIXES = (".msh", ".inp", ".vtu", ".exo", ".e")  # Gmsh, Abaqus, VTK, Exodus II
 PERIDYNAMIC_POISSONS_RATIO = 0.25  # central bond forces in an isotropic solid admit no other value
 
 
@@ -220,11 +222,37 @@ class PlateWithHoleMesh(_CubicCells):
         return []
 
 
+class FileMesh(Table):
+    """Hexahedra from a mesh file; ``[mesh]`` with ``kind = "file"``. See docs/meshes.md.
+
+    Attributes
+    ----------
+    path : str
+        A .msh (Gmsh), .inp (Abaqus), .vtu (VTK), .exo or .e (Exodus II) file, relative to the deck's folder.
+    spacing : float or None, > 0, dimension length
+        What the defaults of [peridynamics] are made of. None (default): the mean edge of the cells.
+    scale : float, > 0, dimension 1
+        Multiplies the file's coordinates, to have them in the deck's unit of length.
+    """
+
+    kind: Literal["file"] = key("file")
+    path: str = key(min_length=1, remedy='Give the file, relative to the deck, for example "meshes/plate.msh".')
+    spacing: float | None = key(None, gt=0, dimension="length")
+    scale: float = key(1.0, gt=0, dimension="1")
+
+    def problems(self) -> list[Problem]:
+        """A suffix that tells the format."""
+        if self.path.lower().endswith(MESH_SUFFIXES):
+            return []
+        remedy = f"Give a file that ends in one of {', '.join(MESH_SUFFIXES)}."
+        return [Problem("path", f"= {show(self.path)} has a suffix of no known mesh format. {remedy}")]
+
+
 def _box_by_default(value: Any) -> Any:
     return {"kind": "box", **value} if isinstance(value, dict) else value
 
 
-Mesh = Annotated[BoxMesh | PlateWithHoleMesh, Field(discriminator="kind"), BeforeValidator(_box_by_default)]
+Mesh = Annotated[BoxMesh | PlateWithHoleMesh | FileMesh, Field(discriminator="kind"), BeforeValidator(_box_by_default)]
 
 
 def _divides(side: float, spacing: float) -> bool:
@@ -331,6 +359,8 @@ class Region(Table):
         The cells whose centroid lies in this closed box; None (default) sets no limit on that side.
     may_fail : bool
         False: bonds with an end in this region never break.
+    set : str or None
+        Or the cells of a named set of the mesh file.
     """
 
     name: str = key(min_length=1, remedy="Give the region a name that loads and supports can refer to.")
@@ -338,10 +368,16 @@ class Region(Table):
     lower: Vector | None = key(None, dimension="length")
     upper: Vector | None = key(None, dimension="length")
     may_fail: bool = key(True)
+    set: str | None = key(None)
 
     def problems(self) -> list[Problem]:
-        """Corners in order."""
-        return _corner_problems(self.lower, self.upper)
+        """Corners in order, and one way to choose cells."""
+        problems = _corner_problems(self.lower, self.upper)
+        if self.set is not None and (self.lower is not None or self.upper is not None):
+            problems.append(
+                Problem("set", f"= {show(self.set)} chooses cells, and so do lower and upper. Keep one of the two.")
+            )
+        return problems
 
 
 class Peridynamics(Table):
@@ -457,26 +493,27 @@ class Coupling(Table):
 
 
 class _Selection(Table):
-    """Cells chosen by exactly one of: a region, layers beneath a face of the bounding box, a box."""
+    """Cells chosen by one of: a region, layers beneath a face of the bounding box, a named set of the file, a box."""
 
     region: str | None = key(None)
     face: Face | None = key(None)
+    set: str | None = key(None)
     layers: int = key(1, ge=1)
     lower: Vector | None = key(None, dimension="length")
     upper: Vector | None = key(None, dimension="length")
 
     def problems(self) -> list[Problem]:
         """One selection, and layers only with a face."""
-        given = [name for name in ("region", "face") if getattr(self, name) is not None]
+        given = [name for name in ("region", "face", "set") if getattr(self, name) is not None]
         if self.lower is not None or self.upper is not None:
             given.append("lower/upper")
         problems = _corner_problems(self.lower, self.upper, equal=True)
         if len(given) != 1:
             has = "none of them" if not given else " and ".join(given)
             problems.append(
-                Problem("", f"must say where by exactly one of region, face or lower/upper, and has {has}.")
+                Problem("", f"must say where by exactly one of region, face, set or lower/upper, and has {has}.")
             )
-        elif self.face is None and self.layers != 1:
+        elif self.face is None and self.set is None and self.layers != 1:
             problems.append(
                 Problem("layers", f"= {self.layers} counts layers from a face, and there is no face. Add it.")
             )
@@ -496,9 +533,9 @@ class BodyForce(_Selection):
 
     Attributes
     ----------
-    region, face, layers, lower, upper
-        Where: a region's name; ``layers`` layers of cells beneath a face; or the cells whose centroid lies in
-        the closed box.
+    region, face, set, layers, lower, upper
+        Where: a region's name; ``layers`` layers of cells beneath a face; a named set of the mesh file, its cells or
+        ``layers`` layers of cells beneath its faces; or the cells whose centroid lies in the closed box.
     density : three floats or None, dimension force / length^3
     total : three floats or None, dimension force
         Exactly one of the two; both are reached at load factor 1.
@@ -518,8 +555,10 @@ class Traction(Table):
 
     Attributes
     ----------
-    face : "x-", "x+", "y-", "y+", "z-" or "z+"
+    face : "x-", "x+", "y-", "y+", "z-", "z+" or None
         Face of the bounding box.
+    set : str or None
+        Or a named set of faces, or of all nodes of faces, of the mesh file.
     traction : three floats or None, dimension force / length^2
     total : three floats or None, dimension force
         Exactly one of the two; both are reached at load factor 1.
@@ -528,14 +567,15 @@ class Traction(Table):
     """
 
     kind: Literal["traction"]
-    face: Face = key(remedy="Give the face that is pulled, for example x+.")
+    face: Face | None = key(None)
+    set: str | None = key(None)
     traction: Vector | None = key(None, dimension="force / length^2")
     total: Vector | None = key(None, dimension="force")
     nodal: Literal["consistent", "equal"] = key("consistent")
 
     def problems(self) -> list[Problem]:
-        """One of traction and total."""
-        return _one_of(self, "traction", "total")
+        """One of face and set, one of traction and total."""
+        return _one_of(self, "face", "set") + _one_of(self, "traction", "total")
 
 
 Load = Annotated[BodyForce | Traction, Field(discriminator="kind")]
@@ -546,8 +586,8 @@ class Support(_Selection):
 
     Attributes
     ----------
-    region, face, layers, lower, upper
-        Where, as for a body force. On finite elements a face selects its nodes, on peridynamic cells the
+    region, face, set, layers, lower, upper
+        Where, as for a body force. On finite elements a face or a set selects its nodes, on peridynamic cells the
         points of ``layers`` layers of cells beneath it.
     x, y, z : float or None, dimension length
         Prescribed components, reached at load factor 1; None (default) leaves a component free.
@@ -930,26 +970,30 @@ def _check_cutoff(mesh: Mesh, peridynamics: Peridynamics, regions: Sequence[Regi
     """A point must reach the next cell, or bodies fall apart."""
     if not _has_model(regions, "peridynamics"):
         return []
-    edge = mesh.spacing
+    return [] if mesh.spacing is None else cutoff_problems(peridynamics, mesh.spacing, "mesh.spacing")
+
+
+def cutoff_problems(peridynamics: Peridynamics, edge: float, name: str) -> list[Problem]:
+    """A cutoff radius below the edge of the cells, which the sentence calls ``name``."""
     internal_length, cutoff_radius = peridynamics.lengths(edge)
-    if cutoff_radius < edge * (1.0 - SPACING_TOLERANCE):
-        if peridynamics.cutoff_radius is None:
-            return [
-                Problem(
-                    "peridynamics.internal_length",
-                    f"= {show(internal_length)} makes the cutoff radius 2.5 * internal_length = "
-                    f"{cutoff_radius:.12g}, below mesh.spacing = {show(edge)}: points would not reach "
-                    f"the next cell. Use at least {edge / CUTOFF_RATIO:.12g}; the paper uses {show(edge)}.",
-                )
-            ]
+    if cutoff_radius >= edge * (1.0 - SPACING_TOLERANCE):
+        return []
+    if peridynamics.cutoff_radius is None:
         return [
             Problem(
-                "peridynamics.cutoff_radius",
-                f"= {show(cutoff_radius)} is below mesh.spacing = {show(edge)}: points would not reach "
-                f"the next cell. Use 2.5 * spacing = {CUTOFF_RATIO * edge:.12g}, or smaller cells.",
+                "peridynamics.internal_length",
+                f"= {show(internal_length)} makes the cutoff radius 2.5 * internal_length = "
+                f"{cutoff_radius:.12g}, below {name} = {show(edge)}: points would not reach "
+                f"the next cell. Use at least {edge / CUTOFF_RATIO:.12g}; the paper uses {show(edge)}.",
             )
         ]
-    return []
+    return [
+        Problem(
+            "peridynamics.cutoff_radius",
+            f"= {show(cutoff_radius)} is below {name} = {show(edge)}: points would not reach "
+            f"the next cell. Use 2.5 * spacing = {CUTOFF_RATIO * edge:.12g}, or smaller cells.",
+        )
+    ]
 
 
 def _check_region_names(regions: Sequence[Region]) -> list[Problem]:
@@ -1012,6 +1056,20 @@ def _unknown_regions(table: str, regions: Sequence[Region], items: Sequence[Any]
     return problems
 
 
+def _check_sets(table: str, mesh: Mesh, items: Sequence[Any]) -> list[Problem]:
+    if mesh.kind == "file":
+        return []
+    return [
+        Problem(
+            f"{table}.{index}.set",
+            f'= {show(item.set)} names a set of a mesh file, and mesh.kind is "{mesh.kind}". '
+            f"Choose by lower and upper{' or by face' if table != 'regions' else ''} instead.",
+        )
+        for index, item in enumerate(items)
+        if getattr(item, "set", None) is not None
+    ]
+
+
 def _check_tractions(regions: Sequence[Region], loads: Sequence[Any]) -> list[Problem]:
     if _has_model(regions, "finite_elements"):
         return []
@@ -1039,6 +1097,9 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("regions", "loads"), _check_references),
     (("regions", "supports"), _check_support_references),
     (("regions", "loads"), _check_tractions),
+    (("mesh", "regions"), functools.partial(_check_sets, "regions")),
+    (("mesh", "loads"), functools.partial(_check_sets, "loads")),
+    (("mesh", "supports"), functools.partial(_check_sets, "supports")),
 )
 
 

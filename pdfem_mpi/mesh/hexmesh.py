@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -22,10 +25,27 @@ class HexMesh:
     nodes : float64, shape (n_nodes, 3), dimension length
     cells : int32, shape (n_cells, 8)
         Node numbers of each cell.
+    cell_sets, face_sets, node_sets : dict from name
+        Named sets of a mesh file: numbers of cells, int64 (n,); nodes of faces, int32 (n, 4), -1 for nodes of no
+        cell; numbers of nodes, int64 (n,).
     """
 
     nodes: np.ndarray
     cells: np.ndarray
+    cell_sets: Mapping[str, np.ndarray] = field(default_factory=dict)
+    face_sets: Mapping[str, np.ndarray] = field(default_factory=dict)
+    node_sets: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def sha256(self) -> str:
+        """Identity of the content: the same nodes, cells and named sets in the same order have the same digest."""
+        digest = hashlib.sha256()
+        for array, dtype in ((self.nodes, "<f8"), (self.cells, "<i4")):
+            digest.update(f"{array.shape} ".encode() + np.ascontiguousarray(array, dtype).tobytes())
+        for kind in ("cell_sets", "face_sets", "node_sets"):
+            for name, members in sorted(getattr(self, kind).items()):
+                digest.update(f"{kind} {len(name)} {name} {members.size} ".encode())
+                digest.update(np.ascontiguousarray(members, "<i8").tobytes())
+        return digest.hexdigest()
 
     @cached_property
     def lower(self) -> np.ndarray:
@@ -56,10 +76,21 @@ class HexMesh:
         return float(self._edges().max())
 
     @cached_property
+    def smallest_edge(self) -> float:
+        """Shortest edge of all cells, dimension length."""
+        return float(self._edges().min())
+
+    @cached_property
     def mean_edge(self) -> float:
         """Half-way between the shortest and the longest edge of all cells, dimension length."""
         edges = self._edges()
         return 0.5 * (float(edges.min()) + float(edges.max()))
+
+    @cached_property
+    def average_edge(self) -> float:
+        """Mean over the twelve edges of all cells, the same bits in any numbering, dimension length."""
+        edges = self._edges()
+        return math.fsum(edges.reshape(-1)) / edges.size
 
     def _edges(self) -> np.ndarray:
         pairs = (
@@ -125,11 +156,38 @@ class HexMesh:
         -------
         bool, shape (n_cells,)
         """
+        return self.cells_beneath(self.faces_on_face(face)[0], layers)
+
+    def cells_beneath(self, first: np.ndarray, layers: int) -> np.ndarray:
+        """Some cells, and further layers of cells that share a node with the one before.
+
+        Parameters
+        ----------
+        first : int64, shape (n,)
+            Numbers of the cells of the first layer.
+
+        Returns
+        -------
+        bool, shape (n_cells,)
+        """
         chosen = np.zeros(len(self.cells), bool)
-        chosen[self.faces_on_face(face)[0]] = True
+        chosen[first] = True
         for _ in range(layers - 1):
             chosen = self.neighbours(chosen)
         return chosen
+
+    @cached_property
+    def boundary(self) -> tuple[np.ndarray, np.ndarray]:
+        """Faces that belong to one cell only, in the order of cells.
+
+        Returns
+        -------
+        cells : int64, shape (n_faces,)
+        sides : int64, shape (n_faces,)
+            Row of ``FACES``.
+        """
+        number = equal_rows(np.sort(self.cells[:, FACES].reshape(-1, 4), axis=1))
+        return np.divmod(np.flatnonzero(np.bincount(number)[number] == 1), len(FACES))
 
     def neighbours(self, chosen: np.ndarray) -> np.ndarray:
         """The chosen cells and all cells that share a node with one of them.
@@ -145,3 +203,17 @@ class HexMesh:
         touched = np.zeros(len(self.nodes), bool)
         touched[self.cells[chosen]] = True
         return touched[self.cells].any(axis=1)
+
+
+def equal_rows(rows: np.ndarray) -> np.ndarray:
+    """Number the distinct rows of a table from 0; int64, shape (n,).
+
+    Parameters
+    ----------
+    rows : int32, shape (n, k)
+    """
+    order = np.lexsort(rows.T)
+    changes = (rows[order][1:] != rows[order][:-1]).any(axis=1)
+    number = np.empty(len(rows), np.int64)
+    number[order] = np.concatenate([[0], np.cumsum(changes)]) if len(rows) else 0
+    return number

@@ -37,16 +37,22 @@ class Quality:
     smallest_gauss_volume: float
 
 
-def measure(mesh: HexMesh) -> Quality:
+def measure(mesh: HexMesh, number: np.ndarray | None = None) -> Quality:
     """Measure all cells.
+
+    Parameters
+    ----------
+    number : int64, shape (n_cells,), optional
+        What messages call each cell; its place in the mesh, if not given.
 
     Raises
     ------
     SceneError
-        Cells that are turned inside out or flat: a corner's Jacobian or a Gauss volume is not positive.
+        Cells that are wound clockwise, turned inside out or flat: a corner's Jacobian or a Gauss volume is not
+        positive.
     """
     shortest, longest, jacobian, volume = np.inf, 0.0, np.inf, np.inf
-    bad = []
+    bad, mirrored = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     for start in range(0, len(mesh.cells), BATCH):
         corners = mesh.nodes[mesh.cells[start : start + BATCH]]
         edges = corners[:, CORNERS] - corners[:, :, None]
@@ -55,18 +61,32 @@ def measure(mesh: HexMesh) -> Quality:
         with np.errstate(divide="ignore", invalid="ignore"):
             scaled = np.nan_to_num(triple / length.prod(axis=-1), nan=0.0)
         volumes = gauss_volumes(corners)
-        bad.append(start + np.flatnonzero(((scaled <= 0.0).any(axis=1)) | (volumes <= 0.0).any(axis=1)))
+        clockwise = (scaled < 0.0).all(axis=1) & (volumes < 0.0).all(axis=1)
+        mirrored.append(start + np.flatnonzero(clockwise))
+        bad.append(start + np.flatnonzero(((scaled <= 0.0) | (volumes <= 0.0)).any(axis=1) & ~clockwise))
         shortest, longest = min(shortest, length.min()), max(longest, length.max())
         jacobian, volume = min(jacobian, scaled.min()), min(volume, volumes.min())
-    bad = np.concatenate(bad)
-    if len(bad):
-        places = ", ".join(
-            f"{cell} at ({', '.join(f'{c:.6g}' for c in mesh.centroids[cell])})" for cell in bad[:LISTED]
-        )
-        raise SceneError(
-            [
-                f"mesh has {len(bad)} of {len(mesh.cells)} cells that are flat or inside out (a Jacobian that is not "
-                f"positive), the first {places}. Use another spacing, or correct the order of their nodes."
-            ]
-        )
+    messages = []
+    for cells, what, remedy in (
+        (
+            np.concatenate(mirrored),
+            "wound clockwise (all their Jacobians are negative)",
+            "Exchange the first and the last four nodes of each, or mirror the geometry before it is meshed.",
+        ),
+        (
+            np.concatenate(bad),
+            "flat or inside out (a Jacobian that is not positive)",
+            "Use another spacing, or correct the order of their nodes.",
+        ),
+    ):
+        if len(cells):
+            places = ", ".join(
+                f"{cell if number is None else number[cell]} at ({', '.join(f'{c:.6g}' for c in mesh.centroids[cell])})"
+                for cell in cells[:LISTED]
+            )
+            messages.append(
+                f"mesh has {len(cells)} of {len(mesh.cells)} cells that are {what}, the first {places}. {remedy}"
+            )
+    if messages:
+        raise SceneError(messages)
     return Quality(float(shortest), float(longest), float(jacobian), float(volume))

