@@ -17,7 +17,7 @@ import numpy as np
 
 from pdfem_mpi.mesh.abaqus import find_traps
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh
-from pdfem_mpi.scene import MESH_SUFFIXES, FileMesh, SceneError, did_you_mean, show
+from pdfem_mpi.scene import MESH_SUFFIXES, FileMesh, SceneError, did_you_mean
 
 FORMATS = {".msh": "gmsh", ".inp": "abaqus", ".vtu": "vtu", ".exo": "exodus", ".e": "exodus"}
 NAMES = {"gmsh": "Gmsh", "abaqus": "Abaqus", "vtu": "VTK (.vtu)", "exodus": "Exodus II"}
@@ -52,23 +52,23 @@ def read_mesh(entry: FileMesh) -> MeshFile:
     path = Path(entry.path)
     kind = FORMATS[next(suffix for suffix in MESH_SUFFIXES if path.name.lower().endswith(suffix))]
     if problems := _troubles(path, kind):
-        raise SceneError([f"mesh.path = {show(entry.path)}: {problem}" for problem in problems])
+        raise SceneError([f'mesh.path = "{entry.path}": {problem}' for problem in problems])
     try:
         with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
             raw, sets = _read(path, kind)
     except MemoryError:
-        raise SceneError([f"mesh.path = {show(entry.path)}: does not fit into memory. Use a coarser mesh."]) from None
+        raise SceneError([f'mesh.path = "{entry.path}": does not fit into memory. Use a coarser mesh.']) from None
     except ImportError:
         raise SceneError(
             [
-                f"mesh.path = {show(entry.path)}: Exodus II files need netCDF4, which is not installed. Install it "
+                f'mesh.path = "{entry.path}": Exodus II files need netCDF4, which is not installed. Install it '
                 "with pip install 'pdfem_mpi[exodus]', or write the mesh in another format."
             ]
         ) from None
     except Exception as error:  # meshio raises what its parsers meet: KeyError, ValueError, IndexError, ...
-        raise SceneError([f"mesh.path = {show(entry.path)}: {_unreadable(kind, error)}"]) from None
+        raise SceneError([f'mesh.path = "{entry.path}": {_unreadable(kind, error)}']) from None
     if problems := _refusals(raw):
-        raise SceneError([f"mesh.path = {show(entry.path)}: {problem}" for problem in problems])
+        raise SceneError([f'mesh.path = "{entry.path}": {problem}' for problem in problems])
     return _convert(raw, sets, entry.scale)
 
 

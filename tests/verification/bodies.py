@@ -79,8 +79,8 @@ def make_scene(
     **tables,
 ):
     """Return a scene of unit cubes with a corner at the origin: elements at small x, peridynamics at large x."""
+    tables.setdefault("mesh", BoxMesh(lower=(0.0, 0.0, 0.0), upper=tuple(map(float, cells)), spacing=1.0))
     return Scene(
-        mesh=BoxMesh(lower=(0.0, 0.0, 0.0), upper=tuple(map(float, cells)), spacing=1.0),
         material=Material(youngs_modulus=YOUNGS_MODULUS, poissons_ratio=poissons_ratio),
         regions=box_regions(cells, n_elements) if regions is None else regions,
         peridynamics=Peridynamics(kinematics=kinematics, surface_correction=correction),
@@ -180,8 +180,9 @@ class Silence:
 
 def run_deck(name, out, *overrides):
     """Run a deck of ``jobs/`` on this rank alone, without pictures and fields, and return its summary."""
-    text = (ROOT / "jobs" / name).read_text(encoding="utf-8")
-    scene = parse_deck(text, name, (*overrides, "output.fields=false", "output.figures=false"))
+    path = ROOT / "jobs" / name
+    text = path.read_text(encoding="utf-8")
+    scene = parse_deck(text, str(path), (*overrides, "output.fields=false", "output.figures=false"))
     with patch("pdfem_mpi.run.warm_up"):  # it closes the kernels to a second run in the same process
         code = run(scene, mpi().COMM_SELF, Path(out), text, True, Silence())
     summary = json.loads((Path(out) / "summary.json").read_text(encoding="utf-8"))

@@ -1,0 +1,52 @@
+"""A mesh file is read by rank 0 and is the same on all ranks; what is wrong with it is told on all of them."""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from mesh_files import write_mesh
+
+from helpers import ROOT, assert_all
+from pdfem_mpi import run
+from pdfem_mpi.mesh.generators import box
+from pdfem_mpi.mesh.hexmesh import HexMesh
+from pdfem_mpi.parallel.comm import broadcast
+from pdfem_mpi.scene import FileMesh, SceneError, Support
+from verification.bodies import make_scene
+
+pytestmark = pytest.mark.mpi(min_size=2)
+
+
+def scene_of(path):
+    supports = (Support(face="x-", x=0.0, y=0.0, z=0.0),)
+    return make_scene((1, 1, 1), 1, loads=(), supports=supports, mesh=FileMesh(path=str(path)))
+
+
+def test_rank_0_reads_and_all_have_the_mesh(comm):
+    """With the named sets, and no other rank opens the file."""
+    with patch.object(run, "make_mesh", wraps=run.make_mesh) as reading:
+        discretization, _ = run.prepare(scene_of(ROOT / "jobs" / "meshes" / "plate_with_hole.msh"), comm)
+    mesh = discretization.mesh
+    digests = comm.allgather((mesh.sha256(), len(mesh.cells), sorted(mesh.cell_sets)))
+    assert_all(comm, reading.call_count == (comm.rank == 0), "only rank 0 reads")
+    assert_all(comm, all(digest == digests[0] for digest in digests) and digests[0][1] == 600, digests)
+
+
+def test_a_bad_mesh_is_refused_on_all_ranks(comm):
+    """Rank 0 alone sees the file; the sentence reaches every rank, and none waits."""
+    mesh = box((0.0, 0.0, 0.0), (2.0, 1.0, 1.0), (2, 1, 1))
+    folder = TemporaryDirectory() if comm.rank == 0 else None
+    path = Path(broadcast(comm, folder and folder.name)) / "bad.vtu"
+    if folder:
+        write_mesh(path, HexMesh(mesh.nodes * np.array([-1.0, 1.0, 1.0]), mesh.cells))
+    messages = []
+    try:
+        run.prepare(scene_of(path), comm)
+    except SceneError as error:
+        messages = error.messages
+    comm.Barrier()
+    if folder:
+        folder.cleanup()
+    assert_all(comm, len(messages) == 1 and "2 of 2 cells that are wound clockwise" in messages[0], messages)
