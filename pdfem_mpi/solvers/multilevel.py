@@ -22,9 +22,10 @@ from pdfem_mpi.loading import LoadCase
 from pdfem_mpi.model import Model, build_intact_elements, local_nodes, point_rows
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.solvers.blocks import PointBlocks, inverted, node_blocks, point_blocks, softest
+from pdfem_mpi.solvers.damping import safe_damping
 from pdfem_mpi.solvers.grid import Grid, make_grid
 
-#: Weight of the point blocks beside the cycle, and of the node blocks within it.
+#: Weight of the point blocks beside the cycle, and the largest of the node blocks within it.
 OMEGA, OMEGA_CYCLE = 0.7, 0.65
 #: Smoothing steps before and after the grid's correction.
 SMOOTHINGS = 2
@@ -54,6 +55,8 @@ class Preconditioner:
         Its local nodes that are the scene's own.
     fixed : bool, shape (n_cycle_unknowns,)
     cycle_blocks : float64, shape (n_cycle_nodes, 6)
+    damping : float
+        Weight of the node blocks within the cycle.
     grid : Grid
     """
 
@@ -68,6 +71,7 @@ class Preconditioner:
     own_nodes: np.ndarray
     fixed: np.ndarray
     cycle_blocks: np.ndarray
+    damping: float
     grid: Grid
 
     def apply(self, r: np.ndarray, size: float, z: np.ndarray) -> None:
@@ -109,13 +113,13 @@ class Preconditioner:
         """One symmetric cycle for ``K x = right`` of the intact model, from 0."""
         x, residual = np.zeros_like(right), right.copy()
         for _ in range(SMOOTHINGS):
-            add_block_products(False, self.cycle_blocks, OMEGA_CYCLE, residual, x)
+            add_block_products(False, self.cycle_blocks, self.damping, residual, x)
             self._residual(x, right, residual)
         self.grid.add_correction(self.model.comm, residual, quantum, x)
         x[self.fixed] = 0.0
         for _ in range(SMOOTHINGS):
             self._residual(x, right, residual)
-            add_block_products(False, self.cycle_blocks, OMEGA_CYCLE, residual, x)
+            add_block_products(False, self.cycle_blocks, self.damping, residual, x)
         return x
 
     def _residual(self, x, right, residual):
@@ -152,6 +156,8 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
     fixed = held[: intact.nodes.n_owned] > 0
     of_cycle = node_blocks(intact, None)
     spring = SPRING * float(largest(model.comm, np.array([of_cycle[:, :3].max(initial=0.0)]))[0])
+    fixed_unknowns = fixed.reshape(-1)
+    cycle_blocks = inverted(of_cycle, fixed, softest(model.comm, of_cycle))
     return Preconditioner(
         model=model,
         of_points=of_points,
@@ -162,7 +168,8 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
         corners=np.ascontiguousarray(corners),
         weights=np.tile(SHAPE_AT_GAUSS, (len(corners) // 8, 1)),
         own_nodes=own_nodes,
-        fixed=fixed.reshape(-1),
-        cycle_blocks=inverted(of_cycle, fixed, softest(model.comm, of_cycle)),
+        fixed=fixed_unknowns,
+        cycle_blocks=cycle_blocks,
+        damping=safe_damping(Forces(intact), cycle_blocks, fixed_unknowns, OMEGA_CYCLE),
         grid=make_grid(intact, discretization.nodes, cells, fixed, spring, case.free_motions),
     )
