@@ -36,12 +36,13 @@ def merged(nodes, cells):
     "mesh",
     [
         cube(),
-        box((0.0, 0.0, 0.0), (100.0, 1.0, 0.01), (10, 3, 1)),  # thin cells, 10 : 1/3 : 0.01
+        box((0.0, 0.0, 0.0), (100.0, 1.0, 1e-3), (10, 3, 1)),  # thin cells, 10 : 1/3 : 1e-3
         box((1e6, 0.0, 0.0), (1e6 + 3.0, 1.0, 1.0), (3, 1, 1)),
         plate_with_hole((0.0, 0.0, 0.0), (24.0, 16.0, 2.0), 4.0, 1.0),
-        HexMesh(cube(1).nodes, cube(1).cells),
+        cube(1),
+        HexMesh(cube(1).nodes * [1.0, 1.0, 5e-4] + cube(1).nodes[:, 2:] * [0.2, 0.2, 0.0], cube(1).cells),
     ],
-    ids=["cube", "thin", "far", "plate", "one cell"],
+    ids=["cube", "thin", "far", "plate", "one cell", "one thin oblique cell"],
 )
 def test_sound_meshes_have_no_defects(mesh):
     assert find_defects(mesh, np.arange(len(mesh.nodes))) == []
@@ -138,13 +139,22 @@ def test_hanging_nodes_inside_a_face():
 
 
 def test_hanging_nodes_on_a_twisted_face():
-    """The face's own surface counts, not a plane through some of its corners."""
+    """The face's own surface counts, also off its middle, not a plane through some of its corners."""
     coarse = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1, 1, 1))
-    fine = box((1.0, 0.0, 0.0), (2.0, 1.0, 1.0), (1, 2, 2))
+    fine = box((1.0, 0.0, 0.0), (2.0, 1.0, 1.0), (1, 3, 3))
     nodes, cells = merged(*glued(coarse, fine))
-    nodes = nodes + np.stack([0.3 * nodes[:, 1] * nodes[:, 2], 0.0 * nodes[:, 0], 0.0 * nodes[:, 0]], axis=1)
-    (message,) = defects(nodes, cells)
-    assert message.startswith("mesh has 5 hanging nodes")
+    x, y, z = nodes.T
+    (message,) = defects(np.stack([x + 0.3 * y * z, y + 0.8 * z, z], axis=1), cells)
+    assert message.startswith("mesh has 12 hanging nodes")
+
+
+def test_nodes_across_a_narrow_slit_do_not_hang():
+    """A U of seven cells, the slit a tenth of a cell wide, nodes opposite the middle of faces: near is not on."""
+    mesh = box((0.0, 0.0, 0.0), (3.0, 3.0, 1.0), (3, 3, 1))
+    nodes = mesh.nodes.copy()
+    nodes[:, 0] = np.choose(np.rint(nodes[:, 0]).astype(int), [0.0, 1.0, 1.1, 2.1])
+    nodes[(nodes[:, 0] > 1.05) & (nodes[:, 1] == 2.0), 1] = 1.5
+    assert defects(nodes, mesh.cells[[0, 1, 2, 3, 5, 6, 8]]) == []
 
 
 def test_parts_that_do_not_touch():

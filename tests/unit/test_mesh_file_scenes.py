@@ -24,7 +24,7 @@ def solve(scene):
     """Body and fields of a scene at load factor 1."""
     body = build(scene)
     solver = make_solver(scene, body.discretization, body.forces, body.case, Silence().line)
-    steps = follow_load_program(scene, solver, body.forces, body.state, body.case, lambda *progress: None)
+    steps = follow_load_program(scene, solver, None, body.state, body.case)
     assert len(list(steps)) == 1
     return body, body.fields(body.state.u)
 
@@ -143,7 +143,7 @@ def cube(tmp_path_factory):
     names = {
         "regions": {"slab": np.arange(9), "rest": np.arange(9, 27)},
         "faces": {"top": top[:, ::-1], "some": top[:4], "inner": inner},
-        "nodes": {"top_nodes": np.unique(top), "corner": [0], "edge": [0, 1, 2, 3], "slab": np.unique(mesh.cells[:9])},
+        "nodes": {"top_nodes": np.unique(top), "corner": [0], "edge": [0, 1, 2, 3], "slab": np.arange(16)},
     }
     write_mesh(path, mesh, **names)
 
@@ -203,6 +203,12 @@ def test_support_on_single_nodes_of_elements(cube):
     supports = Support(set="corner", x=0.0, y=0.0, z=0.0), Support(set="edge", y=0.0, z=0.0)
     fixed = ~np.isnan(cube(3, supports=supports)[1]).reshape(-1, 3)
     assert fixed.sum(axis=0).tolist() == [1, 4, 4]
+
+
+def test_support_on_a_name_of_cells_and_nodes_means_the_nodes(cube):
+    """Abaqus calls the nodes of a face and the elements beneath it by one name."""
+    fixed = ~np.isnan(cube(3, supports=(Support(set="slab", x=0.0, y=0.0, z=0.0),))[1])
+    assert fixed.sum() == 3 * 16
 
 
 def test_support_on_single_nodes_of_peridynamic_cells_is_refused(cube):
