@@ -87,3 +87,9 @@ def test_what_cannot_be_measured_is_refused_at_once(arguments, words):
 def test_the_command_does_not_start_under_a_launcher():
     answer = run_pdfem("bench", "--small", PMI_SIZE="2")
     assert answer.returncode == 64 and "plain shell" in answer.stderr
+
+
+def test_sizes_cannot_be_taken_from_a_mesh_file():
+    answer = run_pdfem("bench", "--deck", "jobs/plate_fe_gmsh.toml", timeout=SECONDS)
+    assert answer.returncode == 64
+    assert "its mesh is a file, and only the sizes of a box can be taken" in answer.stderr

@@ -14,7 +14,7 @@ from pdfem_mpi.discretization import discretize
 from pdfem_mpi.model import build_model
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run import check_scene, run
-from pdfem_mpi.scene import Scene, SceneError
+from pdfem_mpi.scene import FileMesh, Scene, SceneError, Support
 from pdfem_mpi.subdomain import cut_out, partition
 from verification.bodies import Silence, make_scene
 
@@ -78,6 +78,16 @@ def test_a_mesh_that_does_not_fit_is_not_even_made():
     with available(2**30), patch("pdfem_mpi.run.discretize", never), pytest.raises(SceneError) as no:
         check_scene(scene, mpi().COMM_SELF)
     assert "the mesh of 64,000,000 cells needs 35.2 GiB" in no.value.messages[0]
+
+
+def test_a_mesh_file_that_does_not_fit_is_named(tmp_path):
+    """Read by one rank, and refused before all have it."""
+    mesh = FileMesh(path=str(ROOT / "jobs" / "meshes" / "plate_with_hole.msh"))
+    scene = make_scene((1, 1, 1), 1, loads=(), supports=(Support(face="x-", x=0.0),), mesh=mesh)
+    with available(2**16), patch("pdfem_mpi.run.discretize", never), pytest.raises(SceneError) as no:
+        check_scene(scene, mpi().COMM_SELF)
+    (message,) = no.value.messages
+    assert message.startswith(f"mesh.path = {mesh.path} does not fit into memory: the mesh of 600 cells needs")
 
 
 def whole(scene):

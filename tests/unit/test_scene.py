@@ -10,6 +10,7 @@ from pdfem_mpi.scene import (
     BodyForce,
     BoxMesh,
     DisplacementProbe,
+    FileMesh,
     LineProbe,
     Material,
     Peridynamics,
@@ -221,7 +222,13 @@ def test_scene_says_which_descriptions_it_has(regions, peridynamics, elements, c
 
 @pytest.mark.parametrize(
     "selection",
-    [{"region": "bonds"}, {"face": "x+"}, {"face": "x+", "layers": 3}, {"lower": (0.0, 0.0, 0.0)}],
+    [
+        {"region": "bonds"},
+        {"face": "x+"},
+        {"face": "x+", "layers": 3},
+        {"set": "a", "layers": 2},
+        {"lower": (0.0, 0.0, 0.0)},
+    ],
 )
 def test_one_selection_is_enough(selection):
     assert BodyForce(kind="body_force", total=(1.0, 0.0, 0.0), **selection)
@@ -233,6 +240,7 @@ def test_one_selection_is_enough(selection):
     [
         ({}, ""),
         ({"region": "bonds", "face": "x+"}, ""),
+        ({"set": "a", "face": "x+"}, ""),
         ({"face": "x+", "upper": (0.0, 0.0, 0.0)}, ""),
         ({"region": "bonds", "layers": 2}, "layers"),
         ({"lower": (1.0, 0.0, 0.0), "upper": (0.0, 0.0, 0.0)}, "upper"),
@@ -251,6 +259,38 @@ def test_body_force_has_density_or_total(amount):
 @pytest.mark.parametrize("amount", [{}, {"total": (1.0, 0.0, 0.0), "traction": (1.0, 0.0, 0.0)}])
 def test_traction_has_traction_or_total(amount):
     assert "traction or total" in only_problem(lambda: Traction(kind="traction", face="x+", **amount)).text
+
+
+@pytest.mark.parametrize("place", [{}, {"face": "x+", "set": "a"}])
+def test_traction_has_face_or_set(place):
+    found = only_problem(lambda: Traction(kind="traction", total=(1.0, 0.0, 0.0), **place))
+    assert "face or set" in found.text
+
+
+def test_region_has_a_set_or_a_box():
+    found = only_problem(lambda: Region(name="a", model="peridynamics", set="b", upper=(1.0, 1.0, 1.0)))
+    assert found.key == "set" and "Keep one of the two" in found.text
+
+
+def test_sets_need_a_mesh_file():
+    """Other meshes have no names; all three tables are looked at."""
+    tables = {
+        "regions": (Region(name="a", model="finite_elements", set="b"),),
+        "loads": (Traction(kind="traction", set="c", total=(1.0, 0.0, 0.0)),),
+        "supports": (Support(set="d", x=0.0),),
+    }
+    found = problems_of(lambda: scene(**tables))
+    assert [problem.key for problem in found] == ["regions.0.set", "loads.0.set", "supports.0.set"]
+    assert "by lower and upper instead" in found[0].text and "or by face instead" in found[1].text
+    assert scene(mesh=FileMesh(path="a.msh"), **tables).mesh.spacing is None
+
+
+def test_cutoff_of_a_mesh_file_is_checked_when_its_spacing_is_given():
+    """Left out, the check waits for the cells (test_reader)."""
+    tables = {"regions": (BONDS,), "peridynamics": Peridynamics(internal_length=0.1)}
+    found = only_problem(lambda: scene(mesh=FileMesh(path="a.msh", spacing=0.3), **tables))
+    assert found.key == "peridynamics.internal_length" and "below mesh.spacing = 0.3" in found.text
+    assert scene(mesh=FileMesh(path="a.msh"), **tables)
 
 
 def test_support_prescribes_something():
