@@ -7,6 +7,7 @@ Unknowns are flat vectors: free points in cluster layout, then owned nodes. The 
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass, field
 from time import perf_counter
 
@@ -63,6 +64,13 @@ class Bounds:
     bond: float = 2.0**-3
     element: float = 2.0**-3
 
+    def expect(self, change: np.ndarray, from_rest: bool) -> None:
+        """Make room for displacements that change by what meets at most ``change``, in the order of `Forces.met`."""
+        self.bond, self.element = (
+            _power_above(float(more) + (0.0 if from_rest else bound))
+            for more, bound in zip(change, (self.bond, self.element), strict=True)
+        )
+
 
 @dataclass
 class Forces:
@@ -92,7 +100,7 @@ class Forces:
     )
 
     def __post_init__(self):
-        model = self.model
+        model, self.series = self.model, False
         if model.points:
             # a table of whole pages, so that its alignment does not vary between runs
             self.S = pages((model.points.n_clusters, 9, W))
@@ -102,6 +110,19 @@ class Forces:
         if model.nodes:
             self.u_nodes = np.zeros((len(model.nodes.number), 3))
             self.force_nodes = np.zeros((len(model.nodes.number), 3), np.int64)
+
+    def with_own_bounds(self) -> Forces:
+        """The same forces on the same table with bounds of their own, for displacements of another size."""
+        other = copy(self)
+        other.bounds, other.met, other.evaluations = Bounds(), np.zeros(2), 0
+        return other
+
+    def guess_bounds(self, u: np.ndarray) -> None:
+        """Set bounds that displacements of the size of ``u`` hardly meet, of linear forces or a tangent. Collective."""
+        size = float(largest(self.model.comm, np.array([np.abs(u).max(initial=0.0)]))[0])
+        if self.model.bonds:
+            self.bounds.bond = _power_above(8.0 * self.model.bonds.stiffest * size)
+        self.bounds.element = _power_above(2.0 * size)
 
     def evaluate(
         self,
@@ -191,9 +212,10 @@ class Forces:
             force[n:] += external[n:]
             clock.lap("other")
 
-    def linearise(self, u: np.ndarray) -> None:
-        """Take the tangent at the displacements ``u``, shape (n_unknowns,). Collective."""
+    def linearise(self, u: np.ndarray, largest_e: float) -> None:
+        """Take the tangent at the displacements ``u``, shape (n_unknowns,), where ``|e| <= largest_e``. Collective."""
         model = self.model
+        self.series = largest_e <= peridynamics.SERIES_LIMIT
         points, n = model.points, model.n_point_unknowns
         peridynamics.load_displacements(u[:n], points.x, self.S.reshape(-1), 2 * points.n_free, False)
         if model.overlap:
@@ -321,7 +343,7 @@ class Forces:
         extremes = np.zeros(2)
         shared = (*rows.arrays, self.S.reshape(-1), self.SI.reshape(-1), peridynamics.constants(pattern), extremes)
         if self.tangent:
-            sweep = peridynamics.add_forces_tangent
+            sweep = peridynamics.add_tangent_series if self.series else peridynamics.add_tangent_closed
         else:
             series = bonds.finite and self.bounds.bond <= peridynamics.SERIES_LIMIT
             sweep = peridynamics.SWEEPS[bonds.finite, series, failure is not None]
@@ -361,8 +383,12 @@ class Forces:
 
 def _fitted(bound: float, met: float) -> float:
     if met > bound or met * SLACK < bound:
-        return 2.0 ** math.frexp(HEADROOM * max(met, 2.0**-200))[1]
+        return _power_above(HEADROOM * met)
     return bound
+
+
+def _power_above(x: float) -> float:
+    return 2.0 ** math.frexp(max(x, 2.0**-199))[1]
 
 
 def pages(shape: tuple[int, ...]) -> np.ndarray:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdfem_mpi.components import Loose, Parts, find_loose, find_parts, settle, unbalanced
 from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_volumes
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
@@ -45,6 +46,12 @@ class LoadCase:
         Share of the body's volume that each unknown stands for.
     free_motions : float64, shape (n_modes, 6)
         Rigid motions that no support holds, as combinations of `rigid_modes`.
+    rigid_gram : float64, shape (6, 6)
+        Products of the rigid modes over the body's volume; empty where no motion is free.
+    parts : Parts
+        Which unknowns hang together.
+    loose : tuple of Loose
+        Parts with motions of their own that no support holds; empty for a body in one piece.
     held : tuple of three int64 arrays, for each support
         Unknowns that it prescribes along x, y and z.
     moves : tuple of bool
@@ -60,6 +67,9 @@ class LoadCase:
     prescribed: np.ndarray
     volume: np.ndarray
     free_motions: np.ndarray
+    rigid_gram: np.ndarray
+    parts: Parts
+    loose: tuple[Loose, ...]
     held: tuple[tuple[np.ndarray, ...], ...]
     moves: tuple[bool, ...]
     reach: float
@@ -101,12 +111,17 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
     _lump_on_nodes(discretization, ones, volume)
     volume = _join(model, _point_forces(discretization, model, ones), volume)
     external = np.where(fixed, 0.0, external)
+    free, parts = free_motions(model, fixed), find_parts(model)
+    loose = find_loose(model, parts, fixed) if parts.count > 1 else ()
     case = LoadCase(
         external=external,
         fixed=fixed,
         prescribed=prescribed,
         volume=volume,
-        free_motions=free_motions(model, fixed),
+        free_motions=free,
+        rigid_gram=_gram(model, volume, rigid_modes(model)) if len(free) else np.empty((0, 0)),
+        parts=parts,
+        loose=loose,
         held=tuple(
             tuple(np.flatnonzero((holders == k) & (component(model) == d)) for d in range(3))
             for k in range(len(scene.supports))
@@ -117,6 +132,8 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
         load=_one_way(model, external),
     )
     _check_balance(model, case)
+    if messages := unbalanced(model, parts, loose, external):
+        raise SceneError(messages)
     return case
 
 
@@ -190,22 +207,32 @@ def free_motions(model: Model, fixed: np.ndarray) -> np.ndarray:
 
 
 def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
-    """Take the free rigid motions out of a displacement: its mean over the volume vanishes. Collective.
+    """Take the free rigid motions out of a displacement: its mean over the volume vanishes, or that of each part that
+    is loose. Collective.
 
     Parameters
     ----------
     u : float64, shape (n_unknowns,)
         Overwritten.
     """
+    if case.parts.count > 1:
+        settle(model, case.parts, case.loose, case.volume, u)
+        return
     if not len(case.free_motions):
         return
-    modes = [_combined(model, motion) for motion in case.free_motions]
-    count = len(modes)
-    pairs = [(case.volume * a, b) for a in modes for b in modes] + [(case.volume * a, u) for a in modes]
-    dots = exact_dots(model.comm, pairs)
-    amounts = np.linalg.solve(dots[: count * count].reshape(count, count), dots[count * count :])
-    for amount, mode in zip(amounts, modes, strict=True):
-        u -= amount * mode
+    weighted = case.volume * u
+    work = exact_dots(model.comm, ((weighted, mode) for mode in rigid_modes(model)))
+    motions = case.free_motions
+    u -= _combined(model, np.linalg.solve(motions @ case.rigid_gram @ motions.T, motions @ work) @ motions)
+
+
+def _gram(model: Model, weight: np.ndarray, modes: Iterable[np.ndarray]) -> np.ndarray:
+    """Products ``sum weight a b`` of vectors over the unknowns, symmetric. Collective."""
+    vectors = list(modes)
+    pairs = ((weight * a, b) for i, a in enumerate(vectors) for b in vectors[: i + 1])
+    gram = np.zeros((len(vectors), len(vectors)))
+    gram[np.tril_indices(len(vectors))] = exact_dots(model.comm, pairs)
+    return gram + np.tril(gram, -1).T
 
 
 def _combined(model: Model, motion: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ import numpy as np
 
 from pdfem_mpi import __version__
 from pdfem_mpi.bonds import total_bonds
+from pdfem_mpi.components import describe_loose
 from pdfem_mpi.discretization import Discretization, ModelUnits, discretize, make_mesh
 from pdfem_mpi.failure import Failure, make_failure
 from pdfem_mpi.fields import Fields, fields_sha256, gather_damage, gather_fields, point_positions
@@ -41,7 +42,7 @@ EXIT_FINISHED, EXIT_NOT_WRITTEN, EXIT_NOT_CONVERGED = 0, 73, 74
 SCHEMA_VERSION = 1
 HISTORY = (
     "step", "event", "load_factor", "displacement", "reaction", "reaction_x", "reaction_y", "reaction_z", "evaluations",
-    "relative_residual", "force_balance", "moment_balance",
+    "relative_residual", "energy_error", "force_balance", "moment_balance",
 )  # fmt: skip
 #: Where bonds can break.
 FAILURE_HISTORY = (
@@ -221,6 +222,8 @@ class _Run:
             failure = make_failure(scene, discretization, model)
             solve = make_solver(scene, discretization, forces, case, self.reporter.line)
         on_root(comm, self._open_folder)
+        for text in describe_loose(case.parts, case.loose):
+            self.reporter.line(text)
         counts = _counts(discretization, model)
         self.reporter.line(_headline(scene, comm, counts, self.seconds["setup"]))
         for index, cut in enumerate(model.cut):
@@ -411,6 +414,7 @@ class _Run:
                 "evaluations": evaluations,
                 "evaluations_last_step": last.convergence.evaluations if last else None,
                 "relative_residual": last.convergence.residual if last else None,
+                "energy_error": last.convergence.energy_error if last else None,
             },
             "balance": {
                 "force": last.force_balance if last else None,
@@ -445,6 +449,7 @@ def _history_row(row: Report, units: ModelUnits, fails: bool) -> dict[str, Any]:
         **dict(zip(("reaction_x", "reaction_y", "reaction_z"), resultant, strict=True)),
         "evaluations": row.convergence.evaluations,
         "relative_residual": row.convergence.residual,
+        "energy_error": row.convergence.energy_error,
         "force_balance": row.force_balance,
         "moment_balance": row.moment_balance,
         "wall_seconds": row.seconds,
@@ -497,6 +502,8 @@ def _end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
     rows.append(("force evaluations", f"{solve['evaluations']:,}"))
     if solve["relative_residual"] is not None:
         rows.append(("relative residual", f"{solve['relative_residual']:.2e}"))
+        if solve["energy_error"] is not None:
+            rows.append(("error in the energy norm, about", f"{solve['energy_error']:.2e}"))
         rows.append(
             ("net internal force, moment", f"{balance['force']:.1e}, {balance['moment']:.1e} of the sums")
         )

@@ -402,61 +402,83 @@ SWEEPS = {
 }
 
 
-@njit(**_options)
-def add_forces_tangent(first, last, row_start, row_offset, row_data, S, SI, table, extremes):
-    """Add the change of the finite bond forces for a small change ``v`` of the displacements.
+def _tangent_sweep(closed):
+    """Build the sweep of the tangent, with ``phi`` in closed form or as a series."""
 
-    With ``y`` the deformed bond and ``q = |y|^2 / r0^2 = 1 + e``, the derivative of ``2 K (1 - q^(-1/2)) y`` is
-    ``2 K [(1 - q^(-1/2)) v + q^(-3/2) / r0^2 (y . v) y]``.
+    @njit(**_options)
+    def add_tangent_forces(first, last, row_start, row_offset, row_data, S, SI, table, extremes):
+        """Add the change of the finite bond forces for a small change ``v`` of the displacements.
 
-    Parameters are those of the finite sweep up to ``extremes``, with ``v`` in rows 0-2 of the table, deformed positions
-    in rows 3-5, and ``extremes[0]`` the largest component of a bond's force, dimension force.
+        With ``y`` the deformed bond, ``|y|^2 / r0^2 = 1 + e`` and ``phi`` as above, the derivative of ``2 K phi y`` is
+        ``2 K [phi v + (1 - phi)^3 / r0^2 (y . v) y]``.
 
-    Returns
-    -------
-    int
-        ``last``.
-    """
-    zero = splat(0.0)
-    peak = splat(extremes[0])
-    for i in range(first, last):
-        c = i // W
-        own = c * 9 * W + (i - c * W)
-        fx = zero
-        fy = zero
-        fz = zero
-        for row in range(row_start[i], row_start[i + 1]):
-            b = np.int64(row_offset[row])
-            vx = load(S, b) - splat(S[own])
-            vy = load(S, b + W) - splat(S[own + W])
-            vz = load(S, b + 2 * W) - splat(S[own + 2 * W])
-            yx = load(S, b + 3 * W) - splat(S[own + 3 * W])
-            yy = load(S, b + 4 * W) - splat(S[own + 4 * W])
-            yz = load(S, b + 5 * W) - splat(S[own + 5 * W])
-            k = load(row_data, row * 2 * W)
-            k = k + k
-            inverse = load(row_data, row * 2 * W + W)
-            one = load(table, 6 * W)
-            q = largest(fma(yx, yx, fma(yy, yy, yz * yz)) * inverse, load(table, 7 * W))
-            shrink = one / root(q)
-            across = k * (one - shrink)
-            along = k * shrink * inverse / q * fma(yx, vx, fma(yy, vy, yz * vz))
-            M = load(table, 5 * W)
-            px = fma(across, vx, fma(along, yx, M))
-            py = fma(across, vy, fma(along, yy, M))
-            pz = fma(across, vz, fma(along, yz, M))
-            peak = largest(magnitude(px - M), largest(magnitude(py - M), largest(magnitude(pz - M), peak)))
-            fx = iadd(fx, px)
-            fy = iadd(fy, py)
-            fz = iadd(fz, pz)
-            store(S, b + 6 * W, isub(load(S, b + 6 * W), px))
-            store(S, b + 7 * W, isub(load(S, b + 7 * W), py))
-            store(S, b + 8 * W, isub(load(S, b + 8 * W), pz))
-        SI[own + 6 * W] += ihsum(fx)
-        SI[own + 7 * W] += ihsum(fy)
-        SI[own + 8 * W] += ihsum(fz)
-    extremes[0] = hmax(peak)
-    return last
+        Parameters are those of the finite sweep up to ``extremes``, with ``v`` in rows 0-2 of the table, deformed
+        positions in rows 3-5, and ``extremes[0]`` the largest component of a bond's force, dimension force.
+
+        Returns
+        -------
+        int
+            ``last``.
+        """
+        zero = splat(0.0)
+        peak = splat(extremes[0])
+        for i in range(first, last):
+            r = u8(row_start[i])
+            end = u8(row_start[i + 1])
+            if end <= r:
+                continue
+            c = i // W
+            own = c * 9 * W + (i - c * W)
+            ux = splat(S[own])
+            uy = splat(S[own + W])
+            uz = splat(S[own + 2 * W])
+            zx = splat(S[own + 3 * W])
+            zy = splat(S[own + 4 * W])
+            zz = splat(S[own + 5 * W])
+            fx = zero
+            fy = zero
+            fz = zero
+            while r < end:
+                b = u8(row_offset[r])
+                o = r * _STEP
+                r += _1
+                vx = load(S, b) - ux
+                vy = load(S, b + _V1) - uy
+                vz = load(S, b + _V2) - uz
+                yx = load(S, b + _V3) - zx
+                yy = load(S, b + _V4) - zy
+                yz = load(S, b + _V5) - zz
+                inverse = load(row_data, o + _V1)
+                one = load(table, _V6)
+                e = fma(yx, yx, fma(yy, yy, yz * yz)) * inverse - one
+                phi = _closed(one, e, table) if closed else _series(one, e, table)
+                k = load(row_data, o)
+                k = k + k
+                shrink = one - phi
+                along = (k * inverse) * (shrink * shrink * shrink) * fma(yx, vx, fma(yy, vy, yz * vz))
+                across = k * phi
+                M = load(table, _V5)
+                px = fma(across, vx, fma(along, yx, M))
+                py = fma(across, vy, fma(along, yy, M))
+                pz = fma(across, vz, fma(along, yz, M))
+                peak = largest(magnitude(px - M), largest(magnitude(py - M), largest(magnitude(pz - M), peak)))
+                fx = iadd(fx, px)
+                fy = iadd(fy, py)
+                fz = iadd(fz, pz)
+                store(S, b + _V6, isub(load(S, b + _V6), px))
+                store(S, b + _V7, isub(load(S, b + _V7), py))
+                store(S, b + _V8, isub(load(S, b + _V8), pz))
+            SI[own + 6 * W] += ihsum(fx)
+            SI[own + 7 * W] += ihsum(fy)
+            SI[own + 8 * W] += ihsum(fz)
+        extremes[0] = hmax(peak)
+        return last
+
+    return add_tangent_forces
+
+
+add_tangent_series = _tangent_sweep(closed=False)
+add_tangent_closed = _tangent_sweep(closed=True)
 
 
 @njit(**_options)
@@ -576,7 +598,7 @@ def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite):
 
 _f8, _i8, _int, _real = types.float64[::1], types.int64[::1], types.int64, types.float64
 _rows = (_i8, types.uint32[::1], types.float32[::1])
-_tangent_sweep = _int(_int, _int, *_rows, _f8, _i8, _f8, _f8)
+_tangent = _int(_int, _int, *_rows, _f8, _i8, _f8, _f8)
 _records = (types.int64[:, ::1], types.float32[:, ::1], _i8)
 _sweep = _int(
     _int, _int, *_rows, _f8, _i8, _f8, _f8, types.uint8[::1], _f8, types.float64[:, ::1], *_records
@@ -588,7 +610,8 @@ SIGNATURES = {
     add_forces_closed_failing: _sweep,
     add_forces_linear: _sweep,
     add_forces_linear_failing: _sweep,
-    add_forces_tangent: _tangent_sweep,
+    add_tangent_series: _tangent,
+    add_tangent_closed: _tangent,
     load_displacements: types.void(_f8, _f8, _f8, _int, types.boolean),
     complete_z: types.void(_int, _int, _f8, _f8),
     reset_forces: types.void(_i8, _i8, _int),

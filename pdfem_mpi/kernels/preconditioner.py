@@ -1,54 +1,113 @@
 """Multilevel preconditioner, pointwise: restriction, interpolation, blocks of points and nodes.
 
-A flat vector over unknowns holds triples, one per point or node. The three components of triple ``t`` stand at
-``12 (t // 4) + t % 4 + 4 d`` in cluster layout, at ``3 t + d`` for nodes.
+A flat vector over unknowns holds triples, one per point or node; the points of a cell are two clusters. The three
+components of triple ``t`` stand at ``12 (t // 4) + t % 4 + 4 d`` in cluster layout, at ``3 t + d`` for nodes.
 """
 
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.simd import W, fma, iadd, ihsum, load, splat, store
+from pdfem_mpi.hex8 import SHAPE_AT_GAUSS
+from pdfem_mpi.kernels.simd import PATTERN, W, fma, iadd, ihsum, isub, load, splat, store
 
+_AT_POINTS = np.ascontiguousarray(SHAPE_AT_GAUSS).reshape(-1)  # corners of a point together
+_OF_CORNERS = np.ascontiguousarray(SHAPE_AT_GAUSS.T).reshape(-1)  # points of a corner together
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
 
 @njit(**_options)
-def restrict(clusters, corners, weights, r, quantum, coarse):
-    """Add ``T^t r`` to coarse nodes, each term rounded to the quantum.
+def restrict_points(cells, r, quantum, coarse):
+    """Add ``T^t r`` of the points of cells to the cells' nodes, the sums of a cell's points rounded to the quantum.
 
     Parameters
     ----------
-    clusters : bool
-        Layout of ``r``: clusters of points, else nodes.
-    corners : int32, shape (n_triples, 8)
-        Coarse nodes around each triple.
-    weights : float64, shape (n_triples, 8), dimension 1
-        Interpolation functions of the corners at the triple.
-    r : float64, shape (n_triples * 3,), dimension force
+    cells : int32, shape (n_cells, 8)
+        Nodes of each cell.
+    r : float64, shape (n_cells * 24,), dimension force
+        In cluster layout.
+    quantum : float, dimension force
+        Power of two, at least ``2**-47`` of the largest ``|r_i|``.
+    coarse : int64, shape (n_nodes, 3), dimension force / quantum
+        Added to.
+    """
+    M = splat(PATTERN * quantum)
+    rounded = np.empty(6 * W)
+    integers = rounded.view(np.int64)
+    for cell in range(cells.shape[0]):
+        for d in range(3):
+            low = splat(0.0)
+            high = splat(0.0)
+            for p in range(8):
+                value = splat(r[24 * cell + 12 * (p // W) + W * d + p % W])
+                low = fma(value, load(_AT_POINTS, 8 * p), low)
+                high = fma(value, load(_AT_POINTS, 8 * p + W), high)
+            store(rounded, 2 * W * d, isub(low + M, M))
+            store(rounded, 2 * W * d + W, isub(high + M, M))
+        for a in range(8):
+            n = np.uint64(cells[cell, a])
+            coarse[n, 0] += integers[a]
+            coarse[n, 1] += integers[8 + a]
+            coarse[n, 2] += integers[16 + a]
+
+
+@njit(**_options)
+def interpolate_to_points(cells, coarse, z):
+    """``z = T coarse`` at the points of cells; parameters as in `restrict_points`, of dimension length."""
+    values = np.empty(24)
+    for cell in range(cells.shape[0]):
+        for a in range(8):
+            n = np.uint64(cells[cell, a])
+            values[a] = coarse[n, 0]
+            values[8 + a] = coarse[n, 1]
+            values[16 + a] = coarse[n, 2]
+        for d in range(3):
+            low = splat(0.0)
+            high = splat(0.0)
+            for a in range(8):
+                value = splat(values[8 * d + a])
+                low = fma(value, load(_OF_CORNERS, 8 * a), low)
+                high = fma(value, load(_OF_CORNERS, 8 * a + W), high)
+            store(z, 24 * cell + W * d, low)
+            store(z, 24 * cell + 3 * W + W * d, high)
+
+
+@njit(**_options)
+def restrict(corners, weights, r, quantum, coarse):
+    """Add ``T^t r`` of nodes to the nodes of a coarser grid, each term rounded to the quantum.
+
+    Parameters
+    ----------
+    corners : int32, shape (n_nodes, 8)
+        Grid nodes around each node.
+    weights : float64, shape (n_nodes, 8), dimension 1
+        Interpolation functions of the corners at the node.
+    r : float64, shape (n_nodes * 3,), dimension force
     quantum : float, dimension force
         Power of two; a sum must stay below ``2**62`` quanta.
-    coarse : int64, shape (n_coarse, 3), dimension force / quantum
+    coarse : int64, shape (n_grid_nodes, 3), dimension force / quantum
         Added to.
     """
     inverse = 1.0 / quantum
     for t in range(corners.shape[0]):
-        base, stride = (3 * W * (t // W) + t % W, W) if clusters else (3 * t, 1)
-        for d in range(3):
-            value = r[base + stride * d] * inverse
-            for a in range(8):
-                coarse[corners[t, a], d] += np.int64(np.rint(weights[t, a] * value))
+        x, y, z = r[3 * t] * inverse, r[3 * t + 1] * inverse, r[3 * t + 2] * inverse
+        for a in range(8):
+            n, weight = np.uint64(corners[t, a]), weights[t, a]
+            coarse[n, 0] += np.int64(np.rint(weight * x))
+            coarse[n, 1] += np.int64(np.rint(weight * y))
+            coarse[n, 2] += np.int64(np.rint(weight * z))
 
 
 @njit(**_options)
-def interpolate(clusters, corners, weights, coarse, z):
+def interpolate(corners, weights, coarse, z):
     """Add ``T coarse`` to ``z``; parameters as in `restrict`, ``coarse`` and ``z`` of dimension length."""
     for t in range(corners.shape[0]):
-        base, stride = (3 * W * (t // W) + t % W, W) if clusters else (3 * t, 1)
-        for d in range(3):
-            total = z[base + stride * d]
-            for a in range(8):
-                total += weights[t, a] * coarse[corners[t, a], d]
-            z[base + stride * d] = total
+        ux, uy, uz = z[3 * t], z[3 * t + 1], z[3 * t + 2]
+        for a in range(8):
+            n, weight = np.uint64(corners[t, a]), weights[t, a]
+            ux += weight * coarse[n, 0]
+            uy += weight * coarse[n, 1]
+            uz += weight * coarse[n, 2]
+        z[3 * t], z[3 * t + 1], z[3 * t + 2] = ux, uy, uz
 
 
 @njit(**_options)
@@ -126,8 +185,11 @@ def add_point_blocks(row_start, row_offset, row_data, S, SI, pattern, finite, mi
 
 
 _f8, _i8, _table = types.float64[::1], types.int64[::1], types.float64[:, ::1]
-_map = (types.boolean, types.int32[:, ::1], _table)
+_cells = types.int32[:, ::1]
+_map = (_cells, _table)
 SIGNATURES = {
+    restrict_points: types.void(_cells, _f8, types.float64, types.int64[:, ::1]),
+    interpolate_to_points: types.void(_cells, _table, _f8),
     restrict: types.void(*_map, _f8, types.float64, types.int64[:, ::1]),
     interpolate: types.void(*_map, _table, _f8),
     add_block_products: types.void(types.boolean, _table, types.float64, _f8, _f8),

@@ -4,11 +4,13 @@ import numba
 
 from pdfem_mpi.kernels import (
     ceilings,
+    components,
     cracks,
     exact_sums,
     failure,
     families,
     finite_elements,
+    krylov,
     local_damage,
     overlap,
     peridynamics,
@@ -20,10 +22,12 @@ from pdfem_mpi.kernels import (
 MODULES = (
     cracks,
     ceilings,
+    components,
     exact_sums,
     failure,
     families,
     finite_elements,
+    krylov,
     local_damage,
     overlap,
     peridynamics,

@@ -98,6 +98,16 @@ def largest(comm: Intracomm, values: Array) -> Array:
     return np.where(result[1] > 0.0, np.nan, result[0])
 
 
+def distinct(comm: Intracomm, values: Array) -> Array:
+    """Return the sorted distinct integers of all ranks, int64. Collective.
+
+    Parameters
+    ----------
+    values : int64, any shape
+    """
+    return np.unique(np.concatenate(comm.allgather(np.unique(np.asarray(values, np.int64)))))
+
+
 def gather_rows(comm: Intracomm, global_ids: Array, rows: Array, n_global: int) -> Array | None:
     """Collect rows from their owners, in the order of global ids, on rank 0. Collective.
 

@@ -78,6 +78,15 @@ class Halo:
         self.start_reverse(a)
         self.finish_reverse(a)
 
+    def scatter_smallest(self, a: Array) -> None:
+        """Lower the rows of owners to the smallest of their copies, entry by entry, then overwrite the copies."""
+        self.start_reverse(a)
+        received = self._finish(a, "reverse").lent
+        for _, part in self._lent.parts:
+            index = self._lent.index[part]
+            a[index] = np.minimum(a[index], received[part])
+        self.scatter_forward(a)
+
     def start_forward(self, a: Array) -> None:
         """Copy the owned rows of ``a`` that neighbours hold as ghosts, and send them off."""
         self._start(a, "forward")

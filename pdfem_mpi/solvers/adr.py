@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdfem_mpi.components import describe_motion
 from pdfem_mpi.failure import Failure
 from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.kernels.exact_sums import SIZE, value
@@ -154,12 +155,13 @@ def solve(
         if sums.relative > DIVERGED:
             raise NotConverged(
                 f"relaxation diverged: the relative residual is {sums.relative:.3g} after {used} evaluations. Eq. (11) "
-                'does not bound every body (rods one cell thick, for one): solver.kind = "cg" does not need it.'
+                'does not bound every body (rods one cell thick, for one): solver.kind = "cg" does not need it. '
+                f"Still moving: {describe_motion(forces.model, state.fields['v'])}."
             )
         if used >= max_evaluations:
             raise NotConverged(
                 f"solver.max_evaluations = {max_evaluations} were used up at a relative residual of "
                 f"{sums.relative:.3g}, above solver.tolerance = {tolerance:.3g}. Allow more evaluations or a larger "
-                "tolerance."
+                f"tolerance. Still moving: {describe_motion(forces.model, state.fields['v'])}."
             )
         relaxation.advance(state, sums.damping)

@@ -1,13 +1,20 @@
-"""Preconditioned conjugate gradients on the scene's exact tangent, one fused reduction an iteration.
+"""Preconditioned conjugate gradients on the scene's exact tangent.
 
-Linear kinematics need one solve, finite kinematics Newton's method with the tangent of the finite bond forces. The
-recurrences are those of Chronopoulos and Gear: the three dot products of an iteration are taken together, after
-the one sweep. They are exact sums, so iterates have the same bits on any number of ranks. The recursive residual
-is never trusted alone: convergence is declared on the true one.
+Linear kinematics need one solve, finite kinematics Newton's method with the tangent of the finite bond forces, and one
+sequence of search directions throughout: when the residual has fallen to where the tangent stops being true, the true
+one takes the place of the recursive one, the tangent is taken anew, and the next direction is made conjugate to the
+last. So a Newton step costs one evaluation more, not a new start.
+
+The recurrences are those of Chronopoulos and Gear, whose dot products of an iteration are taken together after the one
+sweep; the norm of the next residual is summed while the vectors are updated, so that no sweep is spent on finding that
+nothing is left to do. Sums are exact, so iterates have the same bits on any number of ranks. The recursive residual is
+never trusted alone: convergence is declared on the true one.
 
 References
 ----------
 Chronopoulos & Gear, s-step iterative methods for symmetric linear systems, J. Comput. Appl. Math. 25, 1989.
+Eisenstat & Walker, Choosing the forcing terms in an inexact Newton method, SIAM J. Sci. Comput. 17, 1996.
+van der Vorst & Ye, Residual replacement strategies for Krylov subspace methods, SIAM J. Sci. Comput. 22, 2000.
 """
 
 from __future__ import annotations
@@ -17,27 +24,38 @@ from collections.abc import Callable
 
 import numpy as np
 
+from pdfem_mpi.components import describe_motion
 from pdfem_mpi.forces import Forces, NotFinite
-from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
+from pdfem_mpi.kernels.exact_sums import SIZE, value
+from pdfem_mpi.kernels.krylov import finish_product, take_step
 from pdfem_mpi.loading import exact_dots
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.solvers.convergence import Breakdown, Convergence, NotConverged, Progress
+from pdfem_mpi.solvers.energy_error import Coefficients
 from pdfem_mpi.solvers.multilevel import Preconditioner
 from pdfem_mpi.state import State
 
 #: A solve aims at this fraction of the tolerance, so that the true residual passes with the recursive one.
 SAFETY = 0.9
-#: A solve goes no further than this fraction of its first residual: Newton steps, and linear solves, whose recursive
-#: residual drifts away from the true one.
-NEWTON_REDUCTION, LINEAR_REDUCTION = 1e-3, 1e-9
+#: A linear solve goes no further than this fraction of its first residual: its recursive residual drifts away.
+LINEAR_REDUCTION = 1e-9
+#: The first Newton step goes to this fraction of its first residual; later ones to where the last one's disagreement of
+#: true and recursive residual, which falls with the residual, says that the tangent stops being true; within limits.
+FIRST_FORCING, LEAST_FORCING, MOST_FORCING = 1e-2, 1e-4, 1e-1
+#: A linear solve goes on with its directions while the norm of the recursive residual is the true one's within this.
+TRUE = 1e-2
 #: A residual this much above the best of its solve is round-off growing.
 DRIFT = 100.0
-#: The true residual must at least halve from one solve to the next.
-STAGNATION = 0.5
+#: The true residual must at least halve from one solve to the next, in a Newton step below `NEWTON_FLOOR` only.
+STAGNATION, NEWTON_FLOOR = 0.5, 1e-8
+#: Residuals are relative to at least this fraction of the largest load or reaction met on the way: a part that its
+#: supports only carry along comes to rest without any force.
+FORCELESS = 1e-7
+#: Eigenvalues of the preconditioned stiffness below this belong to mechanisms: those of bodies lie above 0.01, with
+#: cracks above 0.001.
+NO_STIFFNESS = 1e-6
 #: Below this relative residual an indefinite direction is round-off.
 ROUND_OFF = 1e-10
-#: Room for the residual's growth between two reductions, in the quanta of the restriction.
-GROWTH = 2.0**10
 
 
 def solve(
@@ -66,10 +84,10 @@ def solve(
     """
     u, comm = state.u, forces.model.comm
     finite = bool(forces.model.bonds and forces.model.bonds.finite)
-    tangent = Forces(forces.model, tangent=True, seconds=forces.seconds) if finite else forces
-    residual, step = np.empty_like(u), np.empty_like(u)
-    start = forces.evaluations
-    relative = math.inf
+    tangent = Forces(forces.model, tangent=True, seconds=forces.seconds) if finite else forces.with_own_bounds()
+    residual = np.empty_like(u)
+    start, norm, forcing, largest_met = forces.evaluations, math.inf, FIRST_FORCING, 0.0
+    sequence = _Sequence(tangent, fixed, preconditioner, np.zeros_like(u))
 
     at_rest = float(largest(comm, np.array([np.abs(u).max(initial=0.0)]))[0]) == 0.0
     while True:
@@ -77,42 +95,54 @@ def solve(
             residual[:] = external  # no internal forces: nothing to evaluate
         else:
             forces.evaluate_surely(u, external, residual)
+        internal = external - residual
         reaction = np.where(fixed, residual, 0.0)
         residual[fixed] = 0.0
-        square, load, held = exact_dots(comm, [(a, a) for a in (residual, external, reaction)])
+        square, load, held, energy = exact_dots(
+            comm, [(residual, residual), (external, external), (reaction, reaction), (u, internal)]
+        )
         if not math.isfinite(square):
             raise NotFinite(forces.describe_not_finite(u, residual))
-        reference = math.sqrt(max(load, held)) or 1.0
-        before, relative = relative, math.sqrt(square) / reference
+        largest_met = max(largest_met, load, held)
+        reference = math.sqrt(max(load, held, FORCELESS**2 * largest_met)) or 1.0
+        before, norm = norm, math.sqrt(square)
+        relative = norm / reference
         watch(Progress(state.iteration, relative, 0.0))
         if relative <= tolerance and not at_rest:
-            return Convergence(forces.evaluations - start, relative)
+            return Convergence(forces.evaluations - start, relative, sequence.relative_energy_error(energy))
         if at_rest and square == 0.0:
-            return Convergence(forces.evaluations - start, 0.0)
-        if finite and relative > before:
-            u -= step
+            return Convergence(forces.evaluations - start, 0.0, 0.0)
+        if finite and norm > before and relative > NEWTON_FLOOR:
+            u -= sequence.x
             raise Breakdown(
-                f"a Newton step raised the relative residual from {before:.3g} to {relative:.3g}: the load is too "
-                "large for one step, or the body is unstable."
+                f"a Newton step raised the relative residual from {before / reference:.3g} to {relative:.3g}: the load "
+                "is too large for one step, or the body is unstable."
             )
-        if relative > STAGNATION * before:
+        if norm > STAGNATION * before and not (finite and relative > NEWTON_FLOOR):
             raise NotConverged(
                 f"conjugate gradients stagnate at a relative residual of {relative:.3g}, above solver.tolerance = "
-                f"{tolerance:.3g}: round-off, or a part that nothing holds. Allow a larger tolerance."
+                f"{tolerance:.3g}: {sequence.obstacle() or 'round-off. Allow a larger tolerance.'}"
             )
-        reduction = NEWTON_REDUCTION if finite else LINEAR_REDUCTION
-        goal = max(SAFETY * tolerance * reference, reduction * math.sqrt(square))
+        disagreement = abs(norm - sequence.norm)
         if finite:
-            tangent.linearise(u)
-        _solve_linear(
-            tangent, residual, fixed, goal, max_evaluations - (forces.evaluations - start), preconditioner, step,
-            ROUND_OFF * reference,
-            lambda norm: _told(watch, state, norm / reference),  # noqa: B023 - called within this turn of the loop
-        )  # fmt: skip
-        if finite:
+            if sequence.steps:
+                forcing = disagreement * norm / sequence.first_norm**2
+                forcing = min(max(forcing, LEAST_FORCING), MOST_FORCING)
+            tangent.linearise(u, 0.0 if at_rest else forces.bounds.bond)
+        elif disagreement > TRUE * norm:
+            sequence.forget()
+        goal = max(SAFETY * tolerance * reference, (forcing if finite else LINEAR_REDUCTION) * norm)
+        try:
+            sequence.run(
+                residual, norm, goal, max_evaluations - (forces.evaluations - start), ROUND_OFF * reference,
+                lambda norm: _told(watch, state, norm / reference),  # noqa: B023 - called within this turn of the loop
+            )  # fmt: skip
+        finally:
             forces.evaluations += tangent.evaluations
             tangent.evaluations = 0
-        u += step
+        u += sequence.x
+        if not finite:
+            forces.bounds.expect(largest(comm, sequence.met), at_rest)
         at_rest = False
 
 
@@ -148,7 +178,14 @@ def improve(
         ``1/2 x . (r_before + r_after)``: by how much the step ``x`` lowers the potential energy under constant loads.
     """
     before = residual.copy()
-    _solve_linear(forces, residual, fixed, goal, sweeps, preconditioner, step, math.inf, lambda norm: None, stop=True)
+    (square,) = exact_dots(forces.model.comm, [(residual, residual)])
+    own = forces if forces.tangent else forces.with_own_bounds()
+    sequence = _Sequence(own, fixed, preconditioner, step)
+    try:
+        sequence.run(residual, math.sqrt(square), goal, sweeps, math.inf, lambda norm: None, stop=True)
+    finally:
+        if own is not forces:
+            forces.evaluations += own.evaluations
     (work,) = exact_dots(forces.model.comm, [(step, before + residual)])
     return 0.5 * float(work)
 
@@ -158,61 +195,121 @@ def _told(watch, state: State, relative: float) -> None:
     watch(Progress(state.iteration, relative, 0.0))
 
 
-def _solve_linear(tangent, r, fixed, goal, max_evaluations, preconditioner, x, round_off, told, stop=False) -> None:
-    """``K x = r`` until the recursive residual's norm is at most ``goal``; ``r`` is overwritten. Collective.
+class _Sequence:
+    """Conjugate directions, over one solve or the steps of Newton's method.
 
-    An indefinite direction met below ``round_off`` ends the solve quietly: the true residual decides. After
-    ``max_evaluations`` it ends quietly too if ``stop`` says so.
+    Attributes
+    ----------
+    x : float64, shape (n_unknowns,)
+        Displacement of the last `run`.
+    steps : int
+        Directions that `run` can go on from.
+    first_norm, norm : float
+        Of the recursive residual at the start and at the end of the last `run`.
+    met, reach : float64, shape (2,)
+        Bounds of what this rank's evaluations of ``x`` and of the last direction can meet, as `Forces.met`.
     """
-    nothing = np.zeros_like(r)
-    z, w, p, s = (np.zeros_like(r) for _ in range(4))
-    x[:] = 0.0
-    (square,) = exact_dots(tangent.model.comm, [(r, r)])
-    limit = tangent.evaluations + max_evaluations
-    gamma_old = alpha = 0.0
-    best = math.inf
-    while True:
-        preconditioner.apply(r, GROWTH * math.sqrt(square), z)
-        gamma, delta, square = _sweep(tangent, z, nothing, r, w, fixed)
-        norm = math.sqrt(square)
-        if math.isnan(delta) or math.isnan(norm):
-            raise NotFinite(tangent.describe_not_finite(z, w))
-        told(norm)
-        best = min(best, norm)
-        if norm <= goal or norm > DRIFT * best:
-            return
-        if tangent.evaluations >= limit and not stop:
-            raise NotConverged(
-                "solver.max_evaluations were used up before the tolerance was reached. Allow more evaluations or a "
-                "larger tolerance."
-            )
-        beta = gamma / gamma_old if alpha else 0.0
-        curvature = delta - beta * gamma / alpha if alpha else delta
-        if gamma <= 0.0 or curvature <= 0.0:
-            if norm <= round_off:
+
+    def __init__(self, forces: Forces, fixed: np.ndarray, preconditioner: Preconditioner, x: np.ndarray):
+        self.forces, self.fixed, self.preconditioner, self.x = forces, fixed, preconditioner, x
+        self.p, self.s, self.z, self.w, self.nothing = (np.zeros(forces.model.n_unknowns) for _ in range(5))
+        self.coefficients = Coefficients()
+        self.met, self.reach, self.first_norm, self.norm = np.zeros(2), np.zeros(2), 0.0, 0.0
+        self.forget()
+
+    def forget(self) -> None:
+        """Start from the next residual alone."""
+        self.steps, self.curvature = 0, 0.0
+
+    def relative_energy_error(self, energy: float) -> float | None:
+        """Estimated energy norm of the error over that of the displacements, None without steps to judge by."""
+        square = self.coefficients.square_error()
+        return math.sqrt(square / energy) if square is not None and energy > 0.0 else None
+
+    def obstacle(self) -> str:
+        """A sentence about the motion that meets hardly any resistance; empty where there is none. Collective."""
+        if not self.coefficients.alpha or self.coefficients.smallest_ritz() > NO_STIFFNESS:
+            return ""
+        return self._moving()
+
+    def _moving(self) -> str:
+        return (
+            f"{describe_motion(self.forces.model, self.x)}, with hardly any resistance: a mechanism, or too few "
+            "supports. Hold that part, or join it to the rest."
+        )
+
+    def run(self, r, norm, goal, max_evaluations, round_off, told, stop=False) -> None:
+        """``K x = r`` until the recursive residual's norm is at most ``goal``; ``r`` is overwritten. Collective.
+
+        ``norm`` is that of ``r``. An indefinite direction met below ``round_off`` ends the run quietly: the true
+        residual decides. After ``max_evaluations`` it ends quietly too if ``stop`` says so.
+        """
+        forces = self.forces
+        self.x[:] = 0.0
+        self.met[:] = 0.0
+        limit = forces.evaluations + max_evaluations
+        self.first_norm = self.norm = best = norm
+        gamma = 0.0
+        if self.steps:
+            self._along_last(r)
+        restarted = True
+        while True:
+            if forces.evaluations >= limit:
+                if stop:
+                    return
+                raise NotConverged(
+                    "solver.max_evaluations were used up before the tolerance was reached. "
+                    + (self.obstacle() or "Allow more evaluations or a larger tolerance.")
+                )
+            self.preconditioner.apply(r, self.norm, self.z)
+            if restarted and self.steps:
+                # conjugate to the last direction; its product with the new tangent is swept for, not carried along
+                (overlap,) = exact_dots(forces.model.comm, [(self.z, self.s)])
+                beta = -overlap / self.curvature
+                self.z += beta * self.p
+            if not self.coefficients.alpha:
+                forces.guess_bounds(self.z)
+            gamma_old, (gamma, delta) = gamma, self._sweep(r)
+            if math.isnan(gamma) or math.isnan(delta):
+                raise NotFinite(forces.describe_not_finite(self.z, self.w))
+            carried = 0.0 if restarted else gamma / gamma_old
+            curvature = delta - carried * carried * self.curvature
+            if gamma <= 0.0 or curvature <= 0.0:
+                if self.norm <= round_off:
+                    return
+                if gamma > 0.0 and curvature >= -NO_STIFFNESS * gamma and not forces.tangent:
+                    np.add(self.z, carried * self.p, out=self.x)
+                    raise NotConverged(f"conjugate gradients find no equilibrium: {self._moving()}")
+                what = "preconditioner" if gamma <= 0.0 else "stiffness"
+                raise Breakdown(f"the {what} is not positive definite along a search direction: the body is unstable.")
+            alpha, self.curvature = gamma / curvature, curvature
+            self.coefficients.add(alpha, carried, gamma)
+            digits = np.zeros(SIZE, np.int64)
+            take_step(self.z, self.w, alpha, carried, self.p, self.s, self.x, r, digits)
+            self.norm = math.sqrt(value(sum_integers(forces.model.comm, digits)))
+            self.reach = forces.met + carried * self.reach
+            self.met += alpha * self.reach
+            self.steps, restarted = self.steps + 1, False
+            told(self.norm)
+            best = min(best, self.norm)
+            if self.norm <= goal or self.norm > DRIFT * best:
                 return
-            what = "preconditioner" if gamma <= 0.0 else "stiffness"
-            raise Breakdown(f"the {what} is not positive definite along a search direction: the body is unstable.")
-        alpha, gamma_old = gamma / curvature, gamma
-        p *= beta
-        p += z
-        s *= beta
-        s += w
-        x += alpha * p
-        r -= alpha * s
-        if stop and tangent.evaluations >= limit:
-            return
 
+    def _along_last(self, r) -> None:
+        """A step along the last direction, so that ``r`` is orthogonal to it."""
+        (work,) = exact_dots(self.forces.model.comm, [(r, self.p)])
+        step = work / self.curvature
+        self.x += step * self.p
+        self.met += abs(step) * self.reach
+        r -= step * self.s
 
-def _sweep(forces, z, nothing, r, w, fixed):
-    """``w = K z``, and the products ``r.z``, ``z.w`` and ``r.r`` in one reduction. Collective."""
-    while True:
-        forces.evaluate(z, nothing, w)
-        np.negative(w, out=w)
-        w[fixed] = 0.0
-        digits = np.zeros((3, SIZE), np.int64)
-        for row, (x, y) in zip(digits, ((r, z), (z, w), (r, r)), strict=True):
-            add_products(x, y, row)
-        joined = sum_integers(forces.model.comm, np.concatenate([digits.reshape(-1), forces.flags()]))
-        if forces.check_bounds(joined[-3:]):
-            return [value(row) for row in joined[:-3].reshape(3, SIZE)]
+    def _sweep(self, r) -> list[float]:
+        """``w = K z``, and the products ``r.z`` and ``z.w`` in one reduction. Collective."""
+        forces = self.forces
+        while True:
+            forces.evaluate(self.z, self.nothing, self.w)
+            digits = np.zeros((2, SIZE), np.int64)
+            finish_product(self.w, self.fixed, self.z, r, digits)
+            joined = sum_integers(forces.model.comm, np.concatenate([digits.reshape(-1), forces.flags()]))
+            if forces.check_bounds(joined[-3:]):
+                return [value(row) for row in joined[:-3].reshape(2, SIZE)]

@@ -16,10 +16,13 @@ class Convergence:
     residual : float, dimension 1
         Norm of the residual force on the free unknowns, relative to the external force or, where larger, to the
         reactions.
+    energy_error : float or None, dimension 1
+        Estimated energy norm of the error, relative to that of the displacements; None where a solver has no estimate.
     """
 
     evaluations: int
     residual: float
+    energy_error: float | None = None
 
 
 @dataclass(frozen=True)

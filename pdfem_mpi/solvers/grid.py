@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from pdfem_mpi.hex8 import GAUSS_POINTS, gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.finite_elements import lame_moduli
@@ -24,7 +24,7 @@ from pdfem_mpi.parallel.comm import sum_integers
 
 #: Spacing of the grid in cell edges.
 COARSENING = 2.0
-#: Most entries of the factors, about 12 bytes each on every rank, estimated as unknowns times half a band.
+#: Most entries of the factor, 8 bytes each on every rank: unknowns times half a band.
 MOST_FILL = 2.5e7
 #: Damping and number of Jacobi steps before and after each correction of a multigrid cycle.
 DAMPING, SMOOTHINGS = 0.5, 2
@@ -54,10 +54,34 @@ def _moment_table(derivatives) -> np.ndarray:
 
 
 @dataclass(frozen=True)
+class Factor:
+    """Cholesky factor of a banded matrix.
+
+    Attributes
+    ----------
+    entries : float64, shape (half_band + 1, n_unknowns)
+        Diagonals of the lower triangle.
+    order : int64, shape (n_unknowns,)
+        Unknowns in the order of the factor, the longest axis of the grid outermost.
+    """
+
+    entries: np.ndarray
+    order: np.ndarray
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Solution for one right-hand side, both of shape (n_unknowns,)."""
+        x = np.empty_like(right)
+        x[self.order] = cho_solve_banded(
+            (self.entries, True), right[self.order], overwrite_b=True, check_finite=False
+        )
+        return x
+
+
+@dataclass(frozen=True)
 class Level:
     """A grid of the cycle: its stiffness and the way to the next coarser one, or, on the last, its factors."""
 
-    factor: SuperLU | None
+    factor: Factor | None
     matrix: sparse.csr_array | None = None
     smoother: np.ndarray | None = None
     prolongation: sparse.csr_array | None = None
@@ -111,10 +135,10 @@ class Grid:
             For the restriction; equal on all ranks.
         """
         sums = np.zeros((self.n_nodes, 3), np.int64)
-        restrict(False, self.corners, self.weights, r, quantum, sums)
+        restrict(self.corners, self.weights, r, quantum, sums)
         right = self._held((sum_integers(comm, sums) * quantum).reshape(-1))
         correction = self._held(solve(self.levels, right))
-        interpolate(False, self.corners, self.weights, correction.reshape(-1, 3), z)
+        interpolate(self.corners, self.weights, correction.reshape(-1, 3), z)
 
     def _held(self, x: np.ndarray) -> np.ndarray:
         return x - self.free @ (self.free.T @ x)
@@ -185,7 +209,7 @@ def make_grid(
         levels.append(Level(None, matrix.tocsr(), DAMPING / matrix.diagonal(), prolongation))
         matrix = prolongation.T @ matrix @ prolongation
         number, counts = below, _halved(counts, 1)
-    levels.append(Level(_factorise(matrix)))
+    levels.append(Level(_factorise(matrix, number, counts)))
     return Grid(corners, weights, n_nodes, tuple(levels), free)
 
 
@@ -203,9 +227,9 @@ def _nested(counts: np.ndarray, times: int) -> np.ndarray:
 
 
 def _fill(counts: np.ndarray) -> float:
-    """Estimated entries of both factors: unknowns times the band of the two shorter axes."""
+    """Entries of the factor: unknowns times half the band, which the two shorter axes set."""
     nodes = np.sort(counts + 1).astype(float)
-    return 2.0 * 9.0 * float(np.prod(nodes)) * nodes[0] * nodes[1] / 2.0
+    return 9.0 * float(np.prod(nodes)) * nodes[0] * nodes[1]
 
 
 def _prolongation(number: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, sparse.csr_array]:
@@ -296,7 +320,24 @@ def _stiffness(moments, h, counts, nu: float, spring: float) -> tuple[np.ndarray
     return number, 0.5 * (matrix + matrix.T) + sparse.diags_array(PIN * np.maximum(diagonal, diagonal.mean()))
 
 
-def _factorise(matrix) -> SuperLU:
-    """Factors of a symmetric positive matrix."""
-    options = {"SymmetricMode": True}
-    return splu(sparse.csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+def _factorise(matrix, number: np.ndarray, counts: np.ndarray) -> Factor:
+    """Factor of a symmetric positive matrix on a grid's nodes in use.
+
+    Parameters
+    ----------
+    matrix : sparse, shape (n_unknowns, n_unknowns)
+    number : int64, shape (n_grid_nodes,)
+        Numbers of the grid nodes in use, -1 elsewhere.
+    counts : int64, shape (3,)
+    """
+    index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1))
+    nodes = np.lexsort(index[np.argsort(counts, kind="stable")])
+    order = (3 * nodes[:, None] + np.arange(3)).reshape(-1)
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    entries = sparse.coo_array(matrix)
+    row, column = place[entries.row], place[entries.col]
+    lower = row >= column
+    band = np.zeros((int((row - column).max(initial=0)) + 1, len(order)))
+    band[(row - column)[lower], column[lower]] = entries.data[lower]
+    return Factor(cholesky_banded(band, lower=True, overwrite_ab=True, check_finite=False), order)

@@ -16,19 +16,16 @@ from pdfem_mpi.bonds import pattern_for
 from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.failure import Broken
 from pdfem_mpi.forces import Forces
-from pdfem_mpi.hex8 import SHAPE_AT_GAUSS
-from pdfem_mpi.kernels.preconditioner import add_block_products, interpolate, restrict
+from pdfem_mpi.kernels.preconditioner import add_block_products, interpolate_to_points, restrict_points
 from pdfem_mpi.loading import LoadCase
 from pdfem_mpi.model import Model, build_intact_elements, local_nodes, point_rows
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.solvers.blocks import PointBlocks, inverted, node_blocks, point_blocks, softest
-from pdfem_mpi.solvers.damping import safe_damping
+from pdfem_mpi.solvers.damping import damping
 from pdfem_mpi.solvers.grid import Grid, make_grid
 
-#: Weight of the point blocks beside the cycle, and the largest of the node blocks within it.
-OMEGA, OMEGA_CYCLE = 0.7, 0.65
-#: Smoothing steps before and after the grid's correction.
-SMOOTHINGS = 2
+#: Weight of the blocks beside the cycle.
+OMEGA = 0.8
 #: Fixed components are held on the grid by springs this much stiffer than the stiffest node.
 SPRING = 10.0
 
@@ -49,14 +46,14 @@ class Preconditioner:
         Inverse blocks of free points, then of owned nodes.
     forces : Forces
         Of the intact finite-element model.
-    corners : int32, shape (n_free * 8, 8)
-        Its local nodes around each free point.
+    cells : int32, shape (n_free, 8)
+        Its local nodes of the cells with free points.
     own_nodes : int32, shape (n_owned_nodes,)
         Its local nodes that are the scene's own.
     fixed : bool, shape (n_cycle_unknowns,)
     cycle_blocks : float64, shape (n_cycle_nodes, 6)
     damping : float
-        Weight of the node blocks within the cycle.
+        Weight of the cycle's blocks.
     grid : Grid
     """
 
@@ -66,8 +63,7 @@ class Preconditioner:
     softest: float
     blocks: np.ndarray
     forces: Forces
-    corners: np.ndarray
-    weights: np.ndarray
+    cells: np.ndarray
     own_nodes: np.ndarray
     fixed: np.ndarray
     cycle_blocks: np.ndarray
@@ -89,7 +85,7 @@ class Preconditioner:
         n, nodes = self.model.n_point_unknowns, self.forces.model.nodes
         quantum, _ = pattern_for(64.0 * size)
         sums = np.zeros((len(nodes.number), 3), np.int64)
-        restrict(True, self.corners, self.weights, r[:n], quantum, sums)
+        restrict_points(self.cells, r[:n], quantum, sums)
         sums[self.own_nodes] += np.rint(r[n:].reshape(-1, 3) / quantum).astype(np.int64)
         nodes.halo.scatter_reverse(sums)
         right = (sums[: nodes.n_owned] * quantum).reshape(-1)
@@ -97,8 +93,7 @@ class Preconditioner:
         correction = np.zeros((len(nodes.number), 3))
         correction[: nodes.n_owned] = self._cycle(right, quantum).reshape(-1, 3)
         nodes.halo.scatter_forward(correction)
-        z[:] = 0.0
-        interpolate(True, self.corners, self.weights, correction, z[:n])
+        interpolate_to_points(self.cells, correction, z[:n])
         z[n:] = correction[self.own_nodes].reshape(-1)
         add_block_products(True, self.blocks[: n // 3], OMEGA, r[:n], z[:n])
         add_block_products(False, self.blocks[n // 3 :], OMEGA, r[n:], z[n:])
@@ -111,15 +106,13 @@ class Preconditioner:
 
     def _cycle(self, right: np.ndarray, quantum: float) -> np.ndarray:
         """One symmetric cycle for ``K x = right`` of the intact model, from 0."""
-        x, residual = np.zeros_like(right), right.copy()
-        for _ in range(SMOOTHINGS):
-            add_block_products(False, self.cycle_blocks, self.damping, residual, x)
-            self._residual(x, right, residual)
+        x, residual = np.zeros_like(right), np.empty_like(right)
+        add_block_products(False, self.cycle_blocks, self.damping, right, x)
+        self._residual(x, right, residual)
         self.grid.add_correction(self.model.comm, residual, quantum, x)
         x[self.fixed] = 0.0
-        for _ in range(SMOOTHINGS):
-            self._residual(x, right, residual)
-            add_block_products(False, self.cycle_blocks, self.damping, residual, x)
+        self._residual(x, right, residual)
+        add_block_products(False, self.cycle_blocks, self.damping, residual, x)
         return x
 
     def _residual(self, x, right, residual):
@@ -134,17 +127,17 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
     cells = discretization.mesh.cells
     n = model.n_point_unknowns
     of_points = values = None
-    blocks, held = [], np.zeros((len(intact.nodes.number), 3), np.int64)
-    corners = np.empty((0, 8), np.int32)
+    blocks, around, held = [], np.empty((0, 8), np.int32), np.zeros((len(intact.nodes.number), 3), np.int64)
     limit = 0.0
     if model.points:
         of_points = point_blocks(model)
         values = of_points.values()
         limit = softest(model.comm, values)
         blocks.append(inverted(values[: n // 3], point_rows(case.fixed[:n]), limit))
-        corners = np.repeat(local[cells[model.subdomain.free]], 8, axis=0)
+        around = np.ascontiguousarray(local[cells[model.subdomain.free]])
         # the nodes around fixed points do not move either
-        np.add.at(held, corners.reshape(-1), np.repeat(point_rows(case.fixed[:n]), 8, axis=0))
+        fixed_points = point_rows(case.fixed[:n]).reshape(-1, 8, 3).any(axis=1)
+        np.add.at(held, around.reshape(-1), np.repeat(fixed_points, 8, axis=0))
     own_nodes = np.empty(0, np.int32)
     if model.nodes:
         fixed_nodes = case.fixed[n:].reshape(-1, 3)
@@ -156,20 +149,19 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
     fixed = held[: intact.nodes.n_owned] > 0
     of_cycle = node_blocks(intact, None)
     spring = SPRING * float(largest(model.comm, np.array([of_cycle[:, :3].max(initial=0.0)]))[0])
-    fixed_unknowns = fixed.reshape(-1)
-    cycle_blocks = inverted(of_cycle, fixed, softest(model.comm, of_cycle))
+    cycle_forces, cycle_blocks = Forces(intact), inverted(of_cycle, fixed, softest(model.comm, of_cycle))
     return Preconditioner(
         model=model,
         of_points=of_points,
         fixed_points=point_rows(case.fixed[:n]),
         softest=limit,
         blocks=np.concatenate(blocks),
-        forces=Forces(intact),
-        corners=np.ascontiguousarray(corners),
-        weights=np.tile(SHAPE_AT_GAUSS, (len(corners) // 8, 1)),
+        forces=cycle_forces,
+        cells=around,
         own_nodes=own_nodes,
-        fixed=fixed_unknowns,
+        fixed=fixed.reshape(-1),
         cycle_blocks=cycle_blocks,
-        damping=safe_damping(Forces(intact), cycle_blocks, fixed_unknowns, OMEGA_CYCLE),
+        damping=damping(cycle_forces, cycle_blocks, fixed.reshape(-1)),
         grid=make_grid(intact, discretization.nodes, cells, fixed, spring, case.free_motions),
     )
+

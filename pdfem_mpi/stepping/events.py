@@ -213,7 +213,7 @@ class _Events:
         """Some iterations of conjugate gradients; what they release is booked."""
         state, program, case = self.state, self.state.program, self.case
         if self.finite:
-            self.tangent.linearise(state.u)
+            self.tangent.linearise(state.u, self.forces.bounds.bond)
         goal = SAFETY * self.settings.arrest_tolerance * self.reference
         try:
             released = cg.improve(

@@ -18,7 +18,7 @@ LEVELS = (
     ("bonds", "subdomain"),
     ("damage",),
     ("model", "memory"),
-    ("failure",),
+    ("failure", "components"),
     ("loading", "forces", "results"),
     ("state", "fields"),
     ("probes",),

@@ -73,7 +73,7 @@ def test_it_bounds_the_spectrum(body):
     preconditioner = make_preconditioner(body.discretization, body.model, body.case)
     forces = type(body.forces)(body.model, tangent=body.model.bonds is not None and body.model.bonds.finite)
     if forces.tangent:
-        forces.linearise(body.state.u)
+        forces.linearise(body.state.u, 0.0)
     free = np.flatnonzero(~body.case.fixed)
     columns = []
     for k in np.random.default_rng(2).choice(len(free), 40, replace=False):  # no rigid motion among their combinations
