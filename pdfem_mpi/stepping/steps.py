@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,7 +11,6 @@ import numpy as np
 from pdfem_mpi.failure import Failure
 from pdfem_mpi.loading import LoadCase, remove_rigid_motion
 from pdfem_mpi.scene import Steps
-from pdfem_mpi.solvers.convergence import Convergence
 from pdfem_mpi.state import State
 from pdfem_mpi.stepping.report import Report, Reporter
 from pdfem_mpi.stepping.solver import EquilibriumSolver
@@ -39,7 +39,7 @@ def follow_steps(
                 break
         remove_rigid_motion(forces.model, case, state.u)
         state.step, state.load_factor = step, factor
-        yield reporter.report(state, "step", Convergence(evaluations, convergence.residual))
+        yield reporter.report(state, "step", replace(convergence, evaluations=evaluations))
 
 
 def break_bonds(

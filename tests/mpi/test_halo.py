@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from helpers import assert_all
 from pdfem_mpi.parallel.halo import Halo, build_halo
 
 pytestmark = pytest.mark.mpi(min_size=2)
@@ -53,6 +54,18 @@ def scattered(comm, seed=0, share=0.5, sort_ghosts=False, owners=None):
 def table(seed=0, row_shape=(2, 9, 4), dtype=np.float64):
     """A global array of whole numbers."""
     return np.random.default_rng(seed).integers(-1000, 1000, (N_GLOBAL, *row_shape)).astype(dtype)
+
+
+def test_smallest_of_all_copies(comm):
+    """Owners take the smallest of their rows' copies, and ghosts take it from their owners."""
+    case = scattered(comm)
+    own = np.random.default_rng(comm.rank).integers(0, 1000, (len(case.local), 2))
+    everyone = comm.allgather((case.local, own))
+    case.halo.scatter_smallest(own)
+    smallest = np.full((N_GLOBAL, 2), 1000)
+    for local, rows in everyone:
+        np.minimum.at(smallest, local, rows)
+    assert_all(comm, (own == smallest[case.local]).all())
 
 
 @pytest.mark.parametrize("sort_ghosts", [False, True], ids=["any order", "by owner"])

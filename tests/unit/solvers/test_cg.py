@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.scene import BodyForce, Support
+from pdfem_mpi.model import point_rows
+from pdfem_mpi.scene import BodyForce, Crack, Support
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.solvers.multilevel import make_preconditioner
@@ -60,6 +61,39 @@ def test_warm_start_at_the_solution_costs_one_evaluation():
     preconditioner = make_preconditioner(body.discretization, body.model, body.case)
     again = cg.solve(body.forces, body.state, body.case.external, body.case.fixed, 1e-7, 100, preconditioner)
     assert again.evaluations == 1
+
+
+@pytest.mark.parametrize("n_elements", [0, 4, 8])
+def test_no_sweep_is_wasted(n_elements):
+    """From rest: one evaluation an iteration and one for the true residual, none to fit a bound or to find the end."""
+    body = build(make_scene((8, 3, 2), n_elements, solver="cg", tolerance=1e-9))
+    seen = []
+    solve = make_solver(body.scene, body.discretization, body.forces, body.case, pytest.fail)
+    convergence = solve(body.state, body.case.external, seen.append)
+    assert convergence.evaluations == seen[-1].iteration + 1
+
+
+@pytest.mark.parametrize("n_elements", [0, 8], ids=["peridynamics", "coupled"])
+def test_newton_steps_cost_little(n_elements):
+    """Finite kinematics, ends pulled apart by a third of a per cent: hardly more evaluations than linear kinematics."""
+    pulled = {"loads": (), "supports": (PULLED["supports"][0], Support(face="x+", x=0.05))}
+
+    def evaluations(kinematics):
+        scene = make_scene((16, 4, 4), n_elements, kinematics=kinematics, solver="cg", **pulled)
+        return solved(scene, "cg")[1].evaluations
+
+    assert evaluations("finite") <= evaluations("linear") + 6  # 8 and 9 when the first step goes to 1e-3
+
+
+def test_a_part_that_is_only_carried_along_comes_to_rest():
+    """Cut off and moved by its support: no force is left that the residual could be relative to."""
+    crack = Crack(polygon=((4.0, -1.0, -1.0), (4.0, 9.0, -1.0), (4.0, 9.0, 9.0), (4.0, -1.0, 9.0)))
+    scene = make_scene((8, 2, 2), solver="cg", cracks=(crack,), **PULLED)
+    body, _ = solved(scene, "cg")
+    far = point_rows(body.model.points.x)[:, 0] > 0.0
+    u = point_rows(body.state.u)[:, 0]
+    np.testing.assert_allclose(u[far], 0.01, rtol=1e-5)
+    np.testing.assert_allclose(u[~far], 0.0, atol=1e-7)
 
 
 def test_no_load_is_an_equilibrium():

@@ -1,0 +1,65 @@
+"""Parts of the body do not depend on the number of ranks, nor on who owns what."""
+
+import numpy as np
+import pytest
+
+from helpers import assert_all
+from pdfem_mpi import model as model_module
+from pdfem_mpi.components import describe_loose, describe_motion, find_loose, find_parts
+from pdfem_mpi.parallel.comm import gather_rows, mpi
+from pdfem_mpi.scene import Crack, Support
+from verification.bodies import build, make_scene
+
+pytestmark = pytest.mark.mpi(min_size=2)
+
+
+def torn(comm, n_elements):
+    """A bar in three pieces, held at one end, from which single points come off as well."""
+    polygons = [((x, -1.0, -1.0), (x, 4.0, -1.0), (x, 4.0, 4.0), (x, -1.0, 4.0)) for x in (6.0, 8.0)]
+    support = Support(face="x-", x=0.0, y=0.0, z=0.0)
+    cracks = tuple(Crack(polygon=polygon) for polygon in polygons)
+    body = build(make_scene((10, 3, 2), n_elements, cracks=cracks, loads=(), supports=(support,)), comm)
+    model = body.model
+    number = 8 * np.repeat(model.points.cell_number, 8) + np.tile(np.arange(8), len(model.points.cell_number))
+    lost = number % 37 == 0
+    for rows in model.bonds.rows:  # both ends of a bond decide, so every rank cuts the same
+        data, first = rows.data.reshape(-1, 4), np.repeat(np.arange(len(rows.start) - 1), np.diff(rows.start))
+        other = rows.offset[: len(first)].astype(int)[:, None] // 9 + np.arange(4)
+        data[: len(first)][lost[first][:, None] | lost[other]] = 0.0
+    return body
+
+
+def found(body):
+    """Parts by cell in global order, and all that is said of them. Collective."""
+    parts = find_parts(body.model)
+    loose = find_loose(body.model, parts, body.case.fixed)
+    points = body.model.points
+    table = gather_rows(
+        body.model.comm, np.searchsorted(body.numbers, points.cell_number[: points.n_free]),
+        parts.of[: 8 * points.n_free].reshape(-1, 8), len(body.numbers),
+    )  # fmt: skip
+    motion = body.of_positions(lambda x: np.where(x[:, :1] > 2.0, x[:, [1, 0, 2]] * [-1.0, 1.0, 0.0], 0.0))
+    told = [parts.count, describe_loose(parts, loose), describe_motion(body.model, motion)]
+    return told + [part.motions.tolist() for part in loose], None if table is None else table.tolist()
+
+
+@pytest.mark.parametrize("n_elements", [0, 4])
+@pytest.mark.parametrize("owners", ["bisection", "random"])
+def test_parts_are_the_same_on_any_number_of_ranks(comm, monkeypatch, owners, n_elements):
+    def prepared(group):
+        body = torn(group, n_elements)
+        free = body.discretization.has_points & ~body.discretization.is_overlap
+        body.numbers = body.discretization.point_cell_number[free]
+        return body
+
+    expected, table = found(prepared(mpi().COMM_SELF))
+    if owners == "random":
+        monkeypatch.setattr(
+            model_module,
+            "partition",
+            lambda d, n: np.random.default_rng(1).permutation(len(d.mesh.cells)).astype(np.int32) % n,
+        )
+    told, rows = found(prepared(comm))
+    assert_all(comm, expected[0] > 3, "nothing came off")
+    assert_all(comm, told == expected, "parts differ from those of one rank")
+    assert_all(comm, rows is None or rows == table, "points are in other parts")
