@@ -63,10 +63,18 @@ def test_warm_start_at_the_solution_costs_one_evaluation():
     assert again.evaluations == 1
 
 
-@pytest.mark.parametrize("n_elements", [0, 4, 8])
-def test_no_sweep_is_wasted(n_elements):
-    """From rest: one evaluation an iteration and one for the true residual, none to fit a bound or to find the end."""
-    body = build(make_scene((8, 3, 2), n_elements, solver="cg", tolerance=1e-9))
+SHEARED = HELD | {"loads": (BodyForce(kind="body_force", face="x+", total=(0.0, 0.0, 1e-3)),)}
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [((8, 3, 2), 0, {}), ((8, 3, 2), 4, {}), ((8, 3, 2), 8, {}), ((16, 4, 4), 0, SHEARED), ((16, 4, 4), 8, SHEARED)],
+    ids=["peridynamics", "coupled", "elements", "sheared", "coupled, sheared"],
+)
+def test_no_sweep_is_wasted(scene):
+    """From rest: one evaluation an iteration and one for the true residual, which then has the digits to pass."""
+    cells, n_elements, options = scene
+    body = build(make_scene(cells, n_elements, solver="cg", tolerance=1e-9, **options))
     seen = []
     solve = make_solver(body.scene, body.discretization, body.forces, body.case, pytest.fail)
     convergence = solve(body.state, body.case.external, seen.append)
