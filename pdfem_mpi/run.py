@@ -199,6 +199,7 @@ class _Run:
         self.seconds: dict[str, float] = {}
         self.rows: list[Report] = []
         self.probes: dict[str, Any] = {}
+        self.parts: dict[str, int] = {}
         self.bar: Bar | None = None
         self.lines: dict[str, Line] = {}
         self.started = perf_counter()
@@ -224,6 +225,7 @@ class _Run:
         on_root(comm, self._open_folder)
         for text in describe_loose(case.parts, case.loose):
             self.reporter.line(text)
+        self.parts = {"count": case.parts.count, "not_held": len(case.loose)}
         counts = _counts(discretization, model)
         self.reporter.line(_headline(scene, comm, counts, self.seconds["setup"]))
         for index, cut in enumerate(model.cut):
@@ -425,6 +427,7 @@ class _Run:
                 "remaining": model.correction_remaining if discretization.cutoff else None,
             },
             "bonds_cut_by_cracks": list(model.cut),
+            "parts_at_start": self.parts,
             "probes": self.probes,
             "seconds": self.seconds | {"evaluation_phases_rank_0": phases},
             "memory": {"peak_bytes_per_rank": memory},

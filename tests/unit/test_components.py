@@ -1,5 +1,6 @@
 """Parts of the body: who hangs together, what holds each part, and mechanisms by name."""
 
+import json
 from unittest.mock import patch
 
 import numpy as np
@@ -12,10 +13,12 @@ from pdfem_mpi.loading import remove_rigid_motion
 from pdfem_mpi.mesh import generators
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import point_rows
-from pdfem_mpi.scene import BodyForce, Crack, SceneError, Support
+from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.run import run
+from pdfem_mpi.scene import BodyForce, Crack, Output, SceneError, Support
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import make_solver
-from verification.bodies import build, make_scene
+from verification.bodies import Silence, build, make_scene
 
 ROUND_OFF = 1e-12  # relative, of sums of some thousand terms rounded to 2**-40 of the largest
 
@@ -32,8 +35,8 @@ def two_blocks(n_elements=0, **options):
     return build(make_scene((12, 3, 2), n_elements, cracks=(cut_at(8.0),), **options))
 
 
-def hinged(**options):
-    """Two blocks of elements, 4 x 2 x 2 cells each, that share the four nodes of an edge along z at (4, 2)."""
+def hinges():
+    """Meshes of two blocks, 4 x 2 x 2 cells each, that share the three nodes of an edge along z at (4, 2)."""
 
     def blocks(mesh):
         whole = generators.box(mesh.lower, mesh.upper, mesh.n_cells)
@@ -44,7 +47,12 @@ def hinged(**options):
         number[used] = np.arange(len(used))
         return HexMesh(whole.nodes[used], number[cells].astype(np.int32))
 
-    with patch.object(discretization, "make_mesh", blocks):
+    return patch.object(discretization, "make_mesh", blocks)
+
+
+def hinged(**options):
+    """Two blocks of elements with one common edge, held at x-."""
+    with hinges():
         return build(make_scene((8, 4, 2), 8, supports=(HOLD,), **options))
 
 
@@ -205,6 +213,43 @@ def test_relaxation_says_what_still_moves():
     body = hinged(loads=pushed(0.0, 1.0, 0.0), solver="adr", max_evaluations=2000)
     with pytest.raises(NotConverged, match=r"Still moving: .* to \(8, 4, 2\) move, mostly by the rotation about z"):
         equilibrium(body)
+
+
+class Listener(Silence):
+    """A reporter that keeps the lines."""
+
+    def __init__(self):
+        self.lines = []
+
+    def line(self, text):
+        """Keep it."""
+        self.lines.append(text)
+
+
+def ran(scene, out):
+    """Exit code, lines and summary of a run."""
+    listener = Listener()
+    with patch("pdfem_mpi.run.warm_up"):  # it closes the kernels to a second run in the same process
+        code = run(scene.model_copy(update={"output": Output(fields=False)}), mpi().COMM_SELF, out, "", True, listener)
+    return code, "\n".join(listener.lines), json.loads((out / "summary.json").read_text(encoding="utf-8"))
+
+
+def test_a_run_tells_of_loose_parts(tmp_path):
+    """Before it solves, and in the summary."""
+    scene = make_scene((12, 3, 2), cracks=(cut_at(8.0),), loads=(), supports=(HOLD,), solver="cg")
+    code, lines, summary = ran(scene, tmp_path)
+    assert code == 0
+    assert "the body is in 2 parts that hang together, 1 of them held by supports\n  192 points from" in lines
+    assert summary["parts_at_start"] == {"count": 2, "not_held": 1}
+
+
+def test_a_run_with_a_mechanism_ends_with_its_name_and_74(tmp_path):
+    with hinges():
+        scene = make_scene((8, 4, 2), 8, supports=(HOLD,), loads=pushed(0.0, 1.0, 0.0), solver="cg")
+        code, lines, summary = ran(scene, tmp_path)
+    assert code == summary["exit_code"] == 74
+    assert "mostly by the rotation about z, with hardly any resistance" in summary["reason"]
+    assert summary["reason"] in lines
 
 
 @pytest.mark.parametrize("mode", range(6))
