@@ -8,7 +8,7 @@ import pytest
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from pdfem_mpi import components, discretization
+from pdfem_mpi import components
 from pdfem_mpi.loading import remove_rigid_motion
 from pdfem_mpi.mesh import generators
 from pdfem_mpi.mesh.hexmesh import HexMesh
@@ -38,8 +38,10 @@ def two_blocks(n_elements=0, **options):
 def hinges():
     """Meshes of two blocks, 4 x 2 x 2 cells each, that share the three nodes of an edge along z at (4, 2)."""
 
-    def blocks(mesh):
-        whole = generators.box(mesh.lower, mesh.upper, mesh.n_cells)
+    box = generators.box
+
+    def blocks(*arguments):
+        whole = box(*arguments)
         x = whole.centroids
         cells = whole.cells[(x[:, 0] < 4.0) == (x[:, 1] < 2.0)]
         used = np.unique(cells)
@@ -47,7 +49,7 @@ def hinges():
         number[used] = np.arange(len(used))
         return HexMesh(whole.nodes[used], number[cells].astype(np.int32))
 
-    return patch.object(discretization, "make_mesh", blocks)
+    return patch.object(generators, "box", blocks)
 
 
 def hinged(**options):
