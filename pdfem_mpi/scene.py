@@ -29,6 +29,7 @@ MAX_CELLS = 2**28  # 2**31 points: far above any machine this is for; catches a 
 HOLE_CELLS = 2  # spacings that the radius of a hole, and its distance from an edge, must have: room to grade cells
 CUTOFF_RATIO = 2.5  # r_c / l of the paper (sec. 4.1, appendix B)
 MESH_SUFFIXES = (".msh", ".inp", ".vtu", ".exo", ".e")  # Gmsh, Abaqus, VTK, Exodus II
+DEFAULT_MATERIAL = "default"  # what regions and interfaces call the table [material]
 PERIDYNAMIC_POISSONS_RATIO = 0.25  # central bond forces in an isotropic solid admit no other value
 
 
@@ -287,13 +288,13 @@ def _corner_problems(lower: Vector | None, upper: Vector | None, equal: bool = F
 
 
 class Material(Table):
-    """Isotropic elastic material (sec. 2.1); deck table ``[material]``.
+    """Isotropic elastic material (sec. 2.1); deck tables ``[material]`` and, for further ones, ``[materials.NAME]``.
 
     Attributes
     ----------
     youngs_modulus : float, > 0, dimension force / length^2
     poissons_ratio : float, above -1 and below 0.5, dimension 1
-        1/4 wherever the scene has peridynamics: central bond forces admit no other value.
+        1/4 wherever the material has bonds (peridynamic regions, overlap): central forces admit no other value.
     critical_stretch : float or None, > 0, dimension 1
         ``s_0`` of eq. (4): bonds beyond it break.
     fracture_energy : float or None, > 0, dimension force / length
@@ -348,6 +349,30 @@ class Material(Table):
         return self.youngs_modulus / (3.0 * (1.0 - 2.0 * self.poissons_ratio))
 
 
+class Interface(Table):
+    """What holds for the bonds between two materials (sec. 2.1, Fig. 6); deck tables ``[[interfaces]]``.
+
+    Without such a table these bonds take the properties of the material with the smaller bulk modulus.
+
+    Attributes
+    ----------
+    between : two texts
+        Names of the materials, in any order; "default" is the table [material].
+    youngs_modulus : float, > 0, dimension force / length^2
+    """
+
+    between: tuple[str, ...] = key(remedy='Name the two materials, for example ["default", "steel"].')
+    youngs_modulus: float = key(
+        gt=0, dimension="force / length^2", remedy="Give Young's modulus of the bonds across, for example 1.0e7."
+    )
+
+    def problems(self) -> list[Problem]:
+        """Two different names."""
+        if len(self.between) == 2 and self.between[0] != self.between[1]:
+            return []
+        return [Problem("between", f"= {show(self.between)} must name two different materials. Correct it.")]
+
+
 class Region(Table):
     """Cells described by one model; deck tables ``[[regions]]``.
 
@@ -355,8 +380,16 @@ class Region(Table):
     ----------
     name : str
     model : "finite_elements" or "peridynamics"
+    material : str
+        Name of a table [materials.NAME]; "default" (the default) is the table [material].
     lower, upper : three floats or None, dimension length
         The cells whose centroid lies in this closed box; None (default) sets no limit on that side.
+    centre : three floats or None, dimension length
+    radius : float or None, > 0, dimension length
+        Both or none: only the cells whose centroid lies in this closed ball. Regions with a radius take their cells
+        out of those without.
+    axis : "x", "y", "z" or None
+        With a radius: a cylinder about this axis instead of a ball.
     may_fail : bool
         False: bonds with an end in this region never break.
     set : str or None
@@ -365,18 +398,27 @@ class Region(Table):
 
     name: str = key(min_length=1, remedy="Give the region a name that loads and supports can refer to.")
     model: Literal["finite_elements", "peridynamics"] = key(remedy="Give the model that describes its cells.")
+    material: str = key(DEFAULT_MATERIAL)
     lower: Vector | None = key(None, dimension="length")
     upper: Vector | None = key(None, dimension="length")
+    centre: Vector | None = key(None, dimension="length")
+    radius: float | None = key(None, gt=0, dimension="length")
+    axis: Literal["x", "y", "z"] | None = key(None)
     may_fail: bool = key(True)
     set: str | None = key(None)
 
     def problems(self) -> list[Problem]:
-        """Corners in order, and one way to choose cells."""
+        """Corners in order, a whole ball or cylinder, and one way to choose cells."""
         problems = _corner_problems(self.lower, self.upper)
-        if self.set is not None and (self.lower is not None or self.upper is not None):
+        if self.set is not None and (self.lower, self.upper, self.centre, self.radius) != (None,) * 4:
             problems.append(
-                Problem("set", f"= {show(self.set)} chooses cells, and so do lower and upper. Keep one of the two.")
+                Problem("set", f"= {show(self.set)} chooses cells, and so do lower, upper or radius. Keep one of them.")
             )
+        if (self.centre is None) != (self.radius is None):
+            given, other = ("centre", "radius") if self.radius is None else ("radius", "centre")
+            problems.append(Problem(given, f"= {show(getattr(self, given))} needs a {other}. Add it."))
+        if self.axis is not None and self.radius is None:
+            problems.append(Problem("axis", f'= "{self.axis}" is that of a cylinder. Add centre and radius.'))
         return problems
 
 
@@ -839,6 +881,8 @@ class Scene(Table):
     units: Units = Field(default_factory=Units)
     mesh: Mesh = key(remedy="Add a table [mesh] with lower, upper and spacing.")
     material: Material = key(remedy="Add a table [material] with youngs_modulus.")
+    materials: dict[str, Material] = key({})
+    interfaces: tuple[Interface, ...] = key(())
     regions: tuple[Region, ...] = key(
         min_length=1, remedy="Add at least one table [[regions]] with name and model."
     )
@@ -953,17 +997,89 @@ def _has_model(regions: Sequence[Region], model: str) -> bool:
     return model in models
 
 
-def _check_poissons_ratio(material: Material, regions: Sequence[Region]) -> list[Problem]:
-    nu = material.poissons_ratio
-    if nu == PERIDYNAMIC_POISSONS_RATIO or not _has_model(regions, "peridynamics"):
-        return []
+def _all_materials(material: Material, materials: dict[str, Material]) -> dict[str, tuple[str, Material]]:
+    """Key in the deck and table of every material, by name."""
+    return {DEFAULT_MATERIAL: ("material", material)} | {
+        name: (f"materials.{name}", table) for name, table in materials.items()
+    }
+
+
+def _check_poissons_ratio(
+    material: Material, materials: dict[str, Material], regions: Sequence[Region]
+) -> list[Problem]:
+    bonded = {region.material for region in regions if region.model == "peridynamics"}
     return [
         Problem(
-            "material.poissons_ratio",
-            f"= {show(nu)} is not 1/4, the only value of bond-based peridynamics. "
-            "Use 0.25, or describe every region by finite_elements.",
+            f"{where}.poissons_ratio",
+            f"= {show(table.poissons_ratio)} is not 1/4, the only value of bond-based peridynamics. "
+            "Use 0.25, or describe every region of this material by finite_elements.",
         )
+        for name, (where, table) in _all_materials(material, materials).items()
+        if name in bonded and table.poissons_ratio != PERIDYNAMIC_POISSONS_RATIO
     ]
+
+
+def _check_material_names(materials: dict[str, Material]) -> list[Problem]:
+    problems = []
+    for name in materials:
+        if name == DEFAULT_MATERIAL:
+            problems.append(Problem(f"materials.{name}", "is the name of the table [material]. Choose another name."))
+        elif not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+            problems.append(
+                Problem(f"materials.{show(name)}", "is not a name. Use letters, digits, - and _ only.")
+            )
+    return problems
+
+
+def _check_region_materials(
+    material: Material, materials: dict[str, Material], regions: Sequence[Region]
+) -> list[Problem]:
+    """Every region has a material, and every material a region."""
+    tables = _all_materials(material, materials)
+    problems = _unknown_names([(f"regions.{k}.material", region.material) for k, region in enumerate(regions)], tables)
+    if problems:  # a misspelt name may be the missing use of another
+        return problems
+    used = {region.material for region in regions}
+    for name, (where, _) in tables.items():
+        if name not in used:
+            remedy = (
+                f'Give a region material = "{name}", or remove the table.'
+                if name != DEFAULT_MATERIAL
+                else "Let a region without the key material use it: write the values of another material there."
+            )
+            problems.append(Problem(where, f"is the material of no region. {remedy}"))
+    return problems
+
+
+def _check_interfaces(
+    material: Material, materials: dict[str, Material], regions: Sequence[Region], interfaces: Sequence[Interface]
+) -> list[Problem]:
+    if not interfaces:
+        return []
+    if not _has_model(regions, "peridynamics"):
+        return [Problem("interfaces", "are of bonds, and no region has any. Remove them.")]
+    tables = _all_materials(material, materials)
+    first: dict[frozenset[str], int] = {}
+    problems = []
+    for index, interface in enumerate(interfaces):
+        where = f"interfaces.{index}.between"
+        problems += _unknown_names([(where, name) for name in interface.between], tables)
+        pair = frozenset(interface.between)
+        if pair in first:
+            problems.append(
+                Problem(where, f"= {show(interface.between)} is there already as interfaces.{first[pair]}. Keep one.")
+            )
+        first.setdefault(pair, index)
+    return problems
+
+
+def _unknown_names(uses: Iterable[tuple[str, str]], tables: dict[str, Any]) -> list[Problem]:
+    problems = []
+    for where, name in uses:
+        if name not in tables:
+            remedy = did_you_mean(name, tables) or f" The materials are {', '.join(tables)}."
+            problems.append(Problem(where, f"has {show(name)}, which is not the name of a material.{remedy}"))
+    return problems
 
 
 def _check_cutoff(mesh: Mesh, peridynamics: Peridynamics, regions: Sequence[Region]) -> list[Problem]:
@@ -1085,7 +1201,10 @@ def _check_tractions(regions: Sequence[Region], loads: Sequence[Any]) -> list[Pr
 
 
 CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
-    (("material", "regions"), _check_poissons_ratio),
+    (("material", "materials", "regions"), _check_poissons_ratio),
+    (("materials",), _check_material_names),
+    (("material", "materials", "regions"), _check_region_materials),
+    (("material", "materials", "regions", "interfaces"), _check_interfaces),
     (("mesh", "peridynamics", "regions"), _check_cutoff),
     (("cracks", "regions"), _check_cracks),
     (("material", "regions", "stepping"), _check_failure),

@@ -63,7 +63,7 @@ class Preconditioner:
     model: Model
     of_points: PointBlocks | None
     fixed_points: np.ndarray
-    softest: float
+    softest: np.ndarray
     blocks: np.ndarray
     forces: Forces
     corners: np.ndarray
@@ -107,7 +107,7 @@ class Preconditioner:
         """Renew the blocks of points that lost bonds; nodes of the overlap keep theirs. Collective."""
         points = self.of_points.take_out(self.model, broken)
         points = points[points < len(self.fixed_points)]
-        self.blocks[points] = inverted(self.of_points.values(points), self.fixed_points[points], self.softest)
+        self.blocks[points] = inverted(self.of_points.values(points), self.fixed_points[points], self.softest[points])
 
     def _cycle(self, right: np.ndarray, quantum: float) -> np.ndarray:
         """One symmetric cycle for ``K x = right`` of the intact model, from 0."""
@@ -136,11 +136,11 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
     of_points = values = None
     blocks, held = [], np.zeros((len(intact.nodes.number), 3), np.int64)
     corners = np.empty((0, 8), np.int32)
-    limit = 0.0
+    limit, modulus = np.empty(0), discretization.youngs_modulus
     if model.points:
         of_points = point_blocks(model)
         values = of_points.values()
-        limit = softest(model.comm, values)
+        limit = softest(model.comm, values[: n // 3], np.repeat(modulus[model.subdomain.free], 8))
         blocks.append(inverted(values[: n // 3], point_rows(case.fixed[:n]), limit))
         corners = np.repeat(local[cells[model.subdomain.free]], 8, axis=0)
         # the nodes around fixed points do not move either
@@ -148,16 +148,19 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
     own_nodes = np.empty(0, np.int32)
     if model.nodes:
         fixed_nodes = case.fixed[n:].reshape(-1, 3)
+        own = model.subdomain.owned_nodes
         of_nodes = node_blocks(model, values)
-        blocks.append(inverted(of_nodes, fixed_nodes, softest(model.comm, of_nodes)))
-        own_nodes = local[model.subdomain.owned_nodes]
+        around = _stiffest_around(discretization, discretization.has_nodes)[own]
+        blocks.append(inverted(of_nodes, fixed_nodes, softest(model.comm, of_nodes, around)))
+        own_nodes = local[own]
         held[own_nodes] += fixed_nodes
     intact.nodes.halo.scatter_reverse(held)
     fixed = held[: intact.nodes.n_owned] > 0
     of_cycle = node_blocks(intact, None)
+    around = _stiffest_around(discretization, np.ones(len(cells), bool))[intact.subdomain.owned_nodes]
     spring = SPRING * float(largest(model.comm, np.array([of_cycle[:, :3].max(initial=0.0)]))[0])
     fixed_unknowns = fixed.reshape(-1)
-    cycle_blocks = inverted(of_cycle, fixed, softest(model.comm, of_cycle))
+    cycle_blocks = inverted(of_cycle, fixed, softest(model.comm, of_cycle, around))
     return Preconditioner(
         model=model,
         of_points=of_points,
@@ -171,5 +174,13 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
         fixed=fixed_unknowns,
         cycle_blocks=cycle_blocks,
         damping=safe_damping(Forces(intact), cycle_blocks, fixed_unknowns, OMEGA_CYCLE),
-        grid=make_grid(intact, discretization.nodes, cells, fixed, spring, case.free_motions),
+        grid=make_grid(intact, discretization, fixed, spring, case.free_motions),
     )
+
+
+def _stiffest_around(discretization: Discretization, chosen: np.ndarray) -> np.ndarray:
+    """Largest Young's modulus of the chosen cells at each node of the mesh; float64, shape (n_mesh_nodes,)."""
+    around = np.zeros(len(discretization.nodes))
+    for corner in discretization.mesh.cells[chosen].T:
+        np.maximum.at(around, corner, discretization.youngs_modulus[chosen])
+    return around
