@@ -30,6 +30,7 @@ HOLE_CELLS = 2  # spacings that the radius of a hole, and its distance from an e
 CUTOFF_RATIO = 2.5  # r_c / l of the paper (sec. 4.1, appendix B)
 MESH_SUFFIXES = (".msh", ".inp", ".vtu", ".exo", ".e")  # Gmsh, Abaqus, VTK, Exodus II
 DEFAULT_MATERIAL = "default"  # what regions and interfaces call the table [material]
+MOST_CONTRAST = 1e6  # of Young's moduli: residuals then stop at 4e-8, above that at tolerances in use
 PERIDYNAMIC_POISSONS_RATIO = 0.25  # central bond forces in an isotropic solid admit no other value
 
 
@@ -1007,7 +1008,9 @@ def _all_materials(material: Material, materials: dict[str, Material]) -> dict[s
 def _check_poissons_ratio(
     material: Material, materials: dict[str, Material], regions: Sequence[Region]
 ) -> list[Problem]:
-    bonded = {region.material for region in regions if region.model == "peridynamics"}
+    bonded = {
+        getattr(region, "material", None) for region in regions if getattr(region, "model", None) == "peridynamics"
+    }
     return [
         Problem(
             f"{where}.poissons_ratio",
@@ -1035,6 +1038,8 @@ def _check_region_materials(
     material: Material, materials: dict[str, Material], regions: Sequence[Region]
 ) -> list[Problem]:
     """Every region has a material, and every material a region."""
+    if not regions:
+        return []
     tables = _all_materials(material, materials)
     problems = _unknown_names([(f"regions.{k}.material", region.material) for k, region in enumerate(regions)], tables)
     if problems:  # a misspelt name may be the missing use of another
@@ -1049,6 +1054,26 @@ def _check_region_materials(
             )
             problems.append(Problem(where, f"is the material of no region. {remedy}"))
     return problems
+
+
+def _check_contrast(
+    material: Material, materials: dict[str, Material], interfaces: Sequence[Interface]
+) -> list[Problem]:
+    """Residuals of all materials are weighed together, and stop at the round-off of the stiffest."""
+    moduli = {where: table.youngs_modulus for where, table in _all_materials(material, materials).values()}
+    moduli |= {f"interfaces.{k}": interface.youngs_modulus for k, interface in enumerate(interfaces)}
+    stiffest, softest = max(moduli, key=moduli.get), min(moduli, key=moduli.get)
+    contrast = moduli[stiffest] / moduli[softest]
+    if contrast <= MOST_CONTRAST * (1.0 + 1e-9):
+        return []
+    return [
+        Problem(
+            f"{softest}.youngs_modulus",
+            f"= {show(moduli[softest])} is {contrast:.3g} times below {stiffest}.youngs_modulus = "
+            f"{show(moduli[stiffest])}: round-off of the stiff would hide the soft. Keep them within "
+            f"{MOST_CONTRAST:g}; leave out what carries nothing, and support what does not give.",
+        )
+    ]
 
 
 def _check_interfaces(
@@ -1204,6 +1229,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("material", "materials", "regions"), _check_poissons_ratio),
     (("materials",), _check_material_names),
     (("material", "materials", "regions"), _check_region_materials),
+    (("material", "materials", "interfaces"), _check_contrast),
     (("material", "materials", "regions", "interfaces"), _check_interfaces),
     (("mesh", "peridynamics", "regions"), _check_cutoff),
     (("cracks", "regions"), _check_cracks),

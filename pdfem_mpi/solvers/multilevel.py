@@ -43,8 +43,8 @@ class Preconditioner:
     of_points : PointBlocks or None
         What the inverse blocks of points are made from.
     fixed_points : bool, shape (n_free * 8, 3)
-    softest : float, dimension force / length
-        Limit of their inversion, that of the intact body.
+    softest : float64, shape (n_free * 8,), dimension force / length
+        Limits of their inversion, that of the intact body.
     blocks : float64, shape (n_triples, 6)
         Inverse blocks of free points, then of owned nodes.
     forces : Forces
@@ -140,7 +140,8 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
     if model.points:
         of_points = point_blocks(model)
         values = of_points.values()
-        limit = softest(model.comm, values[: n // 3], np.repeat(modulus[model.subdomain.free], 8))
+        owned = np.concatenate([model.subdomain.free, model.subdomain.overlap])
+        limit = softest(model.comm, values, np.repeat(modulus[owned], 8))[: n // 3]
         blocks.append(inverted(values[: n // 3], point_rows(case.fixed[:n]), limit))
         corners = np.repeat(local[cells[model.subdomain.free]], 8, axis=0)
         # the nodes around fixed points do not move either
