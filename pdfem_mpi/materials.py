@@ -38,27 +38,28 @@ def materials_of(scene: Scene) -> dict[str, Material]:
     return {DEFAULT_MATERIAL: scene.material} | scene.materials
 
 
-def bond_materials(scene: Scene) -> tuple[tuple[Material, ...], ...]:
-    """The material whose properties hold for the bonds between materials a and b (sec. 2.1, Fig. 6).
+def bond_materials(scene: Scene) -> tuple[tuple[tuple[Material, ...], ...], ...]:
+    """The materials whose properties hold for the bonds between materials a and b (sec. 2.1, Fig. 6).
 
-    That of the side with the smaller bulk modulus (of two equal ones, the first in the deck), with what the deck's
-    table of the interface gives in the place of its own.
+    That of the side with the smaller bulk modulus, with what the deck's table of the interface gives in the place of
+    its own. Two sides of equal bulk modulus both hold: they have one response, and the weaker decides when it ends.
 
     Returns
     -------
-    tuple of tuples of Material
-        Entry [a][b] of a symmetric table, shape (n_materials, n_materials).
+    tuple of tuples of tuples of Material
+        Entry [a][b], one or two materials, of a symmetric table of shape (n_materials, n_materials).
     """
     materials = materials_of(scene)
     given = {frozenset(interface.between): interface for interface in scene.interfaces}
 
-    def holding(a: str, b: str) -> Material:
-        order = sorted({a, b}, key=list(materials).index)
-        softer = min((materials[name] for name in order), key=lambda material: material.bulk_modulus)
-        interface = given.get(frozenset(order))
-        if interface is None:
-            return softer
-        return softer.model_copy(update=interface.model_dump(exclude={"between"}, exclude_none=True))
+    def holding(a: str, b: str) -> tuple[Material, ...]:
+        sides = [materials[name] for name in materials if name in (a, b)]
+        softest = min(side.bulk_modulus for side in sides)
+        interface = given.get(frozenset((a, b)))
+        own = {} if interface is None else interface.model_dump(exclude={"between"}, exclude_none=True)
+        if interface is not None and interface.can_fail:
+            own = {"critical_stretch": None, "fracture_energy": None} | own
+        return tuple(side.model_copy(update=own) for side in sides if side.bulk_modulus == softest)
 
     return tuple(tuple(holding(a, b) for b in materials) for a in materials)
 
@@ -71,5 +72,27 @@ def material_table(scene: Scene) -> MaterialTable:
         names=tuple(materials),
         youngs_modulus=np.array([material.youngs_modulus for material in materials.values()]) / unit,
         poissons_ratio=np.array([material.poissons_ratio for material in materials.values()]),
-        bond_modulus=np.array([[m.youngs_modulus for m in row] for row in bond_materials(scene)]) / unit,
+        bond_modulus=np.array([[held[0].youngs_modulus for held in row] for row in bond_materials(scene)]) / unit,
     )
+
+
+def bond_stretches(scene: Scene, internal_length: float, cutoff_ratio: float) -> np.ndarray:
+    """Critical stretch of the bonds between two materials; infinity if they do not break.
+
+    Parameters
+    ----------
+    internal_length : float, dimension length
+        In the deck's unit.
+    cutoff_ratio : float
+        ``r_c / l``.
+
+    Returns
+    -------
+    float64, shape (n_materials, n_materials), dimension 1
+    """
+
+    def weakest(held: tuple[Material, ...]) -> float:
+        stretches = (material.stretch_at_failure(internal_length, cutoff_ratio) for material in held)
+        return min((s for s in stretches if s is not None), default=np.inf)
+
+    return np.array([[weakest(held) for held in row] for row in bond_materials(scene)])

@@ -288,6 +288,12 @@ def _corner_problems(lower: Vector | None, upper: Vector | None, equal: bool = F
     return problems
 
 
+def _failure_problems(table: BaseModel) -> list[Problem]:
+    if table.critical_stretch is None or table.fracture_energy is None:
+        return []
+    return [Problem("critical_stretch", "and fracture_energy are both given, and each gives the other. Keep one.")]
+
+
 class Material(Table):
     """Isotropic elastic material (sec. 2.1); deck tables ``[material]`` and, for further ones, ``[materials.NAME]``.
 
@@ -316,9 +322,7 @@ class Material(Table):
 
     def problems(self) -> list[Problem]:
         """At most one of critical stretch and fracture energy."""
-        if self.critical_stretch is None or self.fracture_energy is None:
-            return []
-        return [Problem("critical_stretch", "and fracture_energy are both given, and each gives the other. Keep one.")]
+        return _failure_problems(self)
 
     @property
     def can_fail(self) -> bool:
@@ -353,25 +357,40 @@ class Material(Table):
 class Interface(Table):
     """What holds for the bonds between two materials (sec. 2.1, Fig. 6); deck tables ``[[interfaces]]``.
 
-    Without such a table these bonds take the properties of the material with the smaller bulk modulus.
+    What is not given here is that of the material with the smaller bulk modulus.
 
     Attributes
     ----------
     between : two texts
         Names of the materials, in any order; "default" is the table [material].
-    youngs_modulus : float, > 0, dimension force / length^2
+    youngs_modulus : float or None, > 0, dimension force / length^2
+    critical_stretch : float or None, > 0, dimension 1
+    fracture_energy : float or None, > 0, dimension force / length
+        At most one of the last two.
     """
 
     between: tuple[str, ...] = key(remedy='Name the two materials, for example ["default", "steel"].')
-    youngs_modulus: float = key(
-        gt=0, dimension="force / length^2", remedy="Give Young's modulus of the bonds across, for example 1.0e7."
-    )
+    youngs_modulus: float | None = key(None, gt=0, dimension="force / length^2")
+    critical_stretch: float | None = key(None, gt=0, dimension="1")
+    fracture_energy: float | None = key(None, gt=0, dimension="force / length")
 
     def problems(self) -> list[Problem]:
-        """Two different names."""
-        if len(self.between) == 2 and self.between[0] != self.between[1]:
-            return []
-        return [Problem("between", f"= {show(self.between)} must name two different materials. Correct it.")]
+        """Two different names, and something given."""
+        problems = _failure_problems(self)
+        if len(self.between) != 2 or self.between[0] == self.between[1]:
+            problems.append(
+                Problem("between", f"= {show(self.between)} must name two different materials. Correct it.")
+            )
+        if self.youngs_modulus is None and not self.can_fail:
+            problems.append(
+                Problem("", "changes nothing. Give youngs_modulus, critical_stretch or fracture_energy, or remove it.")
+            )
+        return problems
+
+    @property
+    def can_fail(self) -> bool:
+        """Whether it says when bonds break."""
+        return self.critical_stretch is not None or self.fracture_energy is not None
 
 
 class Region(Table):
@@ -923,23 +942,34 @@ def _check_cracks(cracks: Sequence[Crack], regions: Sequence[Region]) -> list[Pr
     return [Problem("cracks", "cut bonds, and no region has any. Describe the region of the crack by peridynamics.")]
 
 
-def _check_failure(material: Material, regions: Sequence[Region], stepping: Any) -> list[Problem]:
+def _check_failure(
+    material: Material,
+    materials: dict[str, Material],
+    interfaces: Sequence[Interface],
+    regions: Sequence[Region],
+    stepping: Any,
+) -> list[Problem]:
     """Failure needs bonds that may break, and a program that breaks them needs failure."""
+    tables = _all_materials(material, materials)
     if not _has_model(regions, "peridynamics"):
-        if not material.can_fail:
-            return _needs_failure(stepping, "finite elements do not break. Describe a region by peridynamics.")
-        which = "critical_stretch" if material.critical_stretch is not None else "fracture_energy"
-        return [
+        problems = [
             Problem(
-                f"material.{which}",
+                f"{where}.{'fracture_energy' if table.critical_stretch is None else 'critical_stretch'}",
                 "breaks bonds, and no region has any. Remove it, or describe a region by peridynamics.",
             )
+            for where, table in tables.values()
+            if table.can_fail
         ]
-    if not material.can_fail:
+        return problems or _needs_failure(
+            stepping, "finite elements do not break. Describe a region by peridynamics."
+        )
+    bonded = [region for region in regions if region.model == "peridynamics"]
+    breakable = any(tables[region.material][1].can_fail for region in bonded if region.material in tables)
+    if not breakable and not any(interface.can_fail for interface in interfaces):
         return _needs_failure(
             stepping, "nothing says when bonds break. Give material.critical_stretch or material.fracture_energy."
         )
-    if not any(region.may_fail for region in regions if region.model == "peridynamics"):
+    if not any(region.may_fail for region in bonded):
         return [
             Problem("regions", "with peridynamics all have may_fail = false: no bond can break. Let one of them fail.")
         ]
@@ -1061,7 +1091,7 @@ def _check_contrast(
 ) -> list[Problem]:
     """Residuals of all materials are weighed together, and stop at the round-off of the stiffest."""
     moduli = {where: table.youngs_modulus for where, table in _all_materials(material, materials).values()}
-    moduli |= {f"interfaces.{k}": interface.youngs_modulus for k, interface in enumerate(interfaces)}
+    moduli |= {f"interfaces.{k}": i.youngs_modulus for k, i in enumerate(interfaces) if i.youngs_modulus is not None}
     stiffest, softest = max(moduli, key=moduli.get), min(moduli, key=moduli.get)
     contrast = moduli[stiffest] / moduli[softest]
     if contrast <= MOST_CONTRAST * (1.0 + 1e-9):
@@ -1233,7 +1263,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("material", "materials", "regions", "interfaces"), _check_interfaces),
     (("mesh", "peridynamics", "regions"), _check_cutoff),
     (("cracks", "regions"), _check_cracks),
-    (("material", "regions", "stepping"), _check_failure),
+    (("material", "materials", "interfaces", "regions", "stepping"), _check_failure),
     (("stepping", "solver"), _check_stepping_solver),
     (("stepping", "loads", "supports"), _check_something_loads),
     (("output", "regions"), _check_damage),

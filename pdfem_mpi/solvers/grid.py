@@ -155,7 +155,8 @@ def make_grid(
     modulus, nu = (np.repeat(v[own], 8) for v in (discretization.youngs_modulus, discretization.poissons_ratio))
     stiffest = np.zeros(int(np.prod(counts)))
     np.maximum.at(stiffest, where, modulus)
-    quantum = MOMENT_QUANTUM * _power_of_two(largest(comm, stiffest))
+    stiffest = largest(comm, stiffest)
+    quantum = MOMENT_QUANTUM * _power_of_two(stiffest)
     ratios = np.unique(discretization.materials.poissons_ratio)
     moments = np.zeros((len(ratios) + 3, len(stiffest), 27), np.int64)
     terms = modulus * gauss_volumes(positions[cells[own]]).reshape(-1)
@@ -182,7 +183,7 @@ def make_grid(
     moments = sum_integers(comm, moments).astype(float)
     moments[: len(ratios)] *= quantum[:, None]
     moments[len(ratios) :] *= MOMENT_QUANTUM
-    number, matrix = _stiffness(moments, h, counts, ratios, spring)
+    number, matrix = _stiffness(moments, stiffest, h, counts, ratios, spring)
     index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
     free = np.linalg.qr((motions @ rigid_motions(lower + index * h)).T)[0]
     corners = np.ascontiguousarray(number[_cell_nodes(counts)[where]].astype(np.int32))
@@ -283,13 +284,15 @@ def _add_moments(moments: np.ndarray, where: np.ndarray, xi: np.ndarray, weight:
         np.add.at(moments[:, m], where, np.rint(terms / quantum[where]).astype(np.int64))
 
 
-def _stiffness(moments, h, counts, ratios, spring: float) -> tuple[np.ndarray, sparse.csc_array]:
+def _stiffness(moments, stiffest, h, counts, ratios, spring: float) -> tuple[np.ndarray, sparse.csc_array]:
     """Numbers of the grid nodes that touch the body (-1 elsewhere), and the stiffness of their unknowns.
 
     Parameters
     ----------
     moments : float64, shape (n_ratios + 3, n_cells, 27)
         Of Young's modulus, for each of Poisson's ratios ``ratios``, and of the fixed x, y and z components.
+    stiffest : float64, shape (n_cells,)
+        Largest Young's modulus in each grid cell; a node is pinned in proportion to that around it.
     """
     active = (moments[: len(ratios), :, 0] > 0.0).any(axis=0)
     cells = _cell_nodes(counts)[active]
@@ -316,8 +319,11 @@ def _stiffness(moments, h, counts, ratios, spring: float) -> tuple[np.ndarray, s
     rows = np.repeat(dofs, 24, axis=1).reshape(-1)
     columns = np.tile(dofs, (1, 24)).reshape(-1)
     matrix = sparse.coo_array((stiffness.reshape(-1), (rows, columns)), shape=(3 * len(used),) * 2).tocsc()
-    diagonal = matrix.diagonal()
-    return number, 0.5 * (matrix + matrix.T) + sparse.diags_array(PIN * np.maximum(diagonal, diagonal.mean()))
+    diagonal, around = matrix.diagonal(), np.zeros(len(used))
+    np.maximum.at(around, number[cells], stiffest[active][:, None])
+    around = np.repeat(around, 3)
+    pins = PIN * np.maximum(diagonal, around * (diagonal / around).mean())
+    return number, 0.5 * (matrix + matrix.T) + sparse.diags_array(pins)
 
 
 def _factorise(matrix) -> SuperLU:
