@@ -173,7 +173,7 @@ def make_grid(
         beside[cells[own[lowest_last], a]] = points[lowest_last, g]
     where, _ = _locate(beside[subdomain.owned_nodes], lower, h, counts)
     own_cell, _ = _locate(nodes.x[: nodes.n_owned], lower, h, counts)
-    where = np.where((sum_integers(comm, moments[:, 0, 0]) > 0)[own_cell], own_cell, where)
+    where = np.where((stiffest > 0.0)[own_cell], own_cell, where)
     xi = (nodes.x[: nodes.n_owned] - lower) / h - np.stack(np.unravel_index(where, counts), axis=1)
     for d in range(3):
         held = fixed[:, d]
