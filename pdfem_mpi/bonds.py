@@ -12,10 +12,12 @@ from pdfem_mpi.kernels.cracks import cut_rows
 from pdfem_mpi.kernels.failure import add_noise
 from pdfem_mpi.kernels.peridynamics import add_densities
 from pdfem_mpi.kernels.simd import PATTERN, W
+from pdfem_mpi.materials import MaterialTable
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.parallel.halo import Halo
 
-#: Response constant ``c = 9 k / (pi l^4)`` (eq. 2) in model units, where ``k = E / (3 (1 - 2 nu)) = 2/3``.
+#: Response constant ``c = 9 k / (pi l^4)`` (eq. 2) per Young's modulus in model units, where
+#: ``k = E / (3 (1 - 2 nu)) = 2/3``.
 BULK_MODULUS = 2.0 / 3.0
 RESPONSE_CONSTANT = 9.0 * BULK_MODULUS / math.pi
 
@@ -30,6 +32,8 @@ class Points:
         Numbers of owned cells with free points, and of all owned cells with points.
     cell_number : int64, shape (n_cells,)
         Global number of each local cell among the cells with points; point ids are ``8 number + g``.
+    material : int16, shape (n_cells,)
+        Material of each local cell.
     x : float64, shape (n_cells * 24,), dimension length
         Positions in cluster layout ``[cluster][component][lane]``, two clusters a cell.
     volume : float64, shape (n_cells * 8,), dimension length^3
@@ -41,6 +45,7 @@ class Points:
     n_free: int
     n_owned: int
     cell_number: np.ndarray
+    material: np.ndarray
     x: np.ndarray
     volume: np.ndarray
     halo: Halo
@@ -79,8 +84,8 @@ class Bonds:
         Guarded cutoff radius: no bond is longer.
     added, taken : int64, shape (n_clusters * 4,)
         How often a point's sum receives a term through its own rows, and through rows at its cluster.
-    count : int
-        Bonds on this rank.
+    by_material : int64, shape (n_materials, n_materials)
+        Bonds on this rank, from the material of the row's point to that of its cluster.
     strongest : float, dimension force
         Largest force of a bond per unit stretch, on all ranks.
     stiffest : float, dimension force / length
@@ -93,9 +98,14 @@ class Bonds:
     cutoff: float
     added: np.ndarray
     taken: np.ndarray
-    count: int
+    by_material: np.ndarray
     strongest: float
     stiffest: float
+
+    @property
+    def count(self) -> int:
+        """Bonds on this rank."""
+        return int(self.by_material.sum())
 
     @property
     def rows(self) -> tuple[Rows, Rows]:
@@ -156,11 +166,15 @@ def find_bonds(points: Points, cutoff: float, finite: bool) -> tuple[Rows, Rows]
     return tuple(found)
 
 
-def make_bonds(comm, points: Points, cutoff: float, finite: bool, correction: str) -> tuple[Bonds, float]:
+def make_bonds(
+    comm, points: Points, materials: MaterialTable, cutoff: float, finite: bool, correction: str
+) -> tuple[Bonds, float]:
     """Build the bonds of the owned points with their surface correction in them.
 
     Parameters
     ----------
+    materials : MaterialTable
+        Those that ``points.material`` counts.
     cutoff : float, dimension length
         Guarded cutoff radius.
     correction : "none" or "appendix_a"
@@ -179,24 +193,27 @@ def make_bonds(comm, points: Points, cutoff: float, finite: bool, correction: st
     added *= W
     taken = np.repeat(at_cluster, W)
 
+    constants = RESPONSE_CONSTANT * materials.bond_modulus
+
     def filled(factor):
-        count, strongest = 0, np.zeros(2)
+        counts, strongest = np.zeros(constants.shape, np.int64), np.zeros(2)
         for rows in (interior, boundary):
-            count += families.fill_rows(
-                *rows.arrays, points.x, points.volume, factor, RESPONSE_CONSTANT, cutoff, finite, strongest
-            )
+            families.fill_rows(
+                *rows.arrays, points.x, points.volume, factor, constants, points.material, cutoff, finite, strongest,
+                counts,
+            )  # fmt: skip
         return Bonds(
-            interior, boundary, finite, cutoff, added, taken, count, *largest(comm, strongest).tolist()
+            interior, boundary, finite, cutoff, added, taken, counts, *largest(comm, strongest).tolist()
         )
 
     bonds = filled(np.empty(0))
     if correction == "none":
         return bonds, 0.0
-    factor, remaining = _appendix_a(comm, points, bonds)
+    factor, remaining = _appendix_a(comm, points, materials, bonds)
     return filled(factor), remaining
 
 
-def _appendix_a(comm, points: Points, bonds: Bonds) -> tuple[np.ndarray, float]:
+def _appendix_a(comm, points: Points, materials: MaterialTable, bonds: Bonds) -> tuple[np.ndarray, float]:
     """Iterate the correction vectors.
 
     Returns
@@ -209,6 +226,8 @@ def _appendix_a(comm, points: Points, bonds: Bonds) -> tuple[np.ndarray, float]:
     T, integers = sums_table(points)
     T[:, 0:3] = 1.0
     blocks = T.reshape(-1, 2, 9, W)
+    infinite_response = surface_correction.INFINITE_RESPONSE * BULK_MODULUS
+    target = np.repeat(infinite_response * materials.youngs_modulus[points.material[: points.n_owned]], 2)
     remaining = 0.0
     for _ in range(surface_correction.SWEEPS):
         widest = float(largest(comm, np.array([T[:, 0:3].max(initial=0.0)]))[0])
@@ -222,7 +241,7 @@ def _appendix_a(comm, points: Points, bonds: Bonds) -> tuple[np.ndarray, float]:
             integers,
             points.volume,
             quantum,
-            surface_correction.INFINITE_RESPONSE * BULK_MODULUS,
+            target,
         )
         remaining = float(largest(comm, np.array([worst]))[0])
         points.halo.scatter_forward(blocks[:, :, 0:3])
@@ -302,6 +321,17 @@ def cut_bonds(comm, points: Points, bonds: Bonds, polygon: np.ndarray, normal: n
         cut_rows(*rows.arrays, points.x, polygon, normal, int(across), int(up), bonds.finite) for rows in bonds.rows
     )
     return int(sum_integers(comm, np.array([cut]))[0])
+
+
+def count_by_material(comm, bonds: Bonds) -> np.ndarray:
+    """Undirected bonds of the whole body between materials a and b, symmetric. Collective.
+
+    Returns
+    -------
+    int64, shape (n_materials, n_materials)
+    """
+    counts = sum_integers(comm, bonds.by_material)
+    return counts + counts.T - np.diag(np.diag(counts))
 
 
 def total_bonds(comm, bonds: Bonds | None) -> int:

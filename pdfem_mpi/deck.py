@@ -275,6 +275,10 @@ def _partial_tables(wrong: set[str], data: dict[str, Any]) -> tuple[dict[str, An
         raw = data.get(name, MISSING)
         if raw is MISSING and not field.is_required():
             tables[name] = field.get_default(call_default_factory=True)
+        elif get_origin(field.annotation) is dict:
+            if isinstance(raw, dict):
+                named = {part: item for part, item in raw.items() if isinstance(item, dict)}
+                tables[name] = {part: sound(models[0], item, f"{name}.{part}") for part, item in named.items()}
         elif isinstance(raw, dict) and models and get_origin(field.annotation) is not tuple:
             fitting = [model for model in models if len(models) == 1 or _kind_of(model) == _kind_in(raw, models)]
             if fitting:
@@ -334,6 +338,10 @@ def _walk(loc: Sequence[int | str], data: dict[str, Any]) -> _Place:
             annotation = arguments[0] if arguments else Any
         elif len(models) > 1 and isinstance(value, dict) and _kind_in(value, models) == part:
             annotation = next(model for model in models if _kind_of(model) == part)
+        elif get_origin(annotation) is dict:
+            path.append(part)
+            value = value.get(part, MISSING) if isinstance(value, dict) else MISSING
+            annotation = get_args(annotation)[1]
         else:
             path.append(part)
             value = value.get(part, MISSING) if isinstance(value, dict) else MISSING
@@ -387,6 +395,7 @@ def _other_home(name: str, table: type[Table]) -> str:
     homes = [
         other
         for other, field in Scene.model_fields.items()
+        if get_origin(field.annotation) is not dict
         for model in _models(field.annotation)[:1]
         if name in model.model_fields and model is not table
     ]
@@ -424,7 +433,7 @@ def _sentence(item: Any, data: dict[str, Any]) -> Problem:
         return Problem(
             f"{place.path}.kind", f"= {show(given)} is unknown. Give {choices}.{did_you_mean(given, kinds)}"
         )
-    if kind in ("model_type", "model_attributes_type", "tuple_type") and _models(place.annotation):
+    if kind in ("model_type", "model_attributes_type", "tuple_type", "dict_type") and _models(place.annotation):
         return Problem(place.path, _table_or_list(place, equals))
     if kind == "literal_error":
         near = did_you_mean(place.value, [str(choice) for choice in get_args(_unwrap(place.annotation))])
@@ -446,6 +455,10 @@ def _table_or_list(place: _Place, equals: str) -> str:
     if place.path.rpartition(".")[2].isdigit():
         name = place.path.partition(".")[0]
         return f"{equals} is not a table. Write each item as a table under [[{name}]]."
+    home = place.path.partition(".")[0]
+    if get_origin(Scene.model_fields[home].annotation) is dict:
+        near = did_you_mean(home, [name for name in Scene.model_fields if name != home])
+        return f"{equals} is not a table. Write the keys of each under a line [{home}.NAME].{near}"
     if get_origin(_unwrap(place.annotation)) is tuple:
         if isinstance(place.value, dict):
             return f"is one table and must be a list of tables. Write [[{place.path}]] with two brackets."
@@ -465,7 +478,9 @@ def _words(annotation: Any) -> str:
     if annotation == Vector:
         return "three numbers [x, y, z]"
     if origin is tuple:
-        return "a list of tables" if _models(annotation) else "a list of numbers"
+        if _models(annotation):
+            return "a list of tables"
+        return "a list of texts in quotes" if get_args(annotation)[0] is str else "a list of numbers"
     return WORDS.get(annotation, "a table" if _models(annotation) else "another value")
 
 
@@ -517,7 +532,9 @@ def write_deck(scene: Scene) -> str:
     values = {name: value for name, value in data.items() if not _is_table(value)}
     blocks = [_lines(values)]
     for name, value in data.items():
-        if isinstance(value, dict):
+        if get_origin(Scene.model_fields[name].annotation) is dict:
+            blocks += [f"[{name}.{part}]\n{_lines(item)}" for part, item in value.items()]
+        elif isinstance(value, dict):
             blocks.append(f"[{name}]\n{_lines(value)}")
         elif _is_table(value):
             blocks += [f"[[{name}]]\n{_lines(item)}" for item in value]

@@ -4,8 +4,9 @@ The discretization is global and the same on every rank: about 150 bytes a cell,
 peridynamic cell. What a rank keeps of it is cut out in ``model.py``.
 
 **Model units.** Lengths are in units of the internal length ``l`` (without peridynamics: of the mean edge), measured
-from the centre of the bounding box, stresses in units of Young's modulus. Numbers stored in single precision then do
-not depend on the deck's units, and a body far from the origin loses nothing after this subtraction.
+from the centre of the bounding box, stresses in units of the default material's Young's modulus. Numbers stored in
+single precision then do not depend on the deck's units, and a body far from the origin loses nothing after this
+subtraction.
 """
 
 from __future__ import annotations
@@ -15,12 +16,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
+from pdfem_mpi.materials import MaterialTable, material_table
 from pdfem_mpi.mesh import generators, named_sets
 from pdfem_mpi.mesh.defects import face_problems, find_defects
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.quality import Quality, measure
 from pdfem_mpi.mesh.reader import read_mesh
-from pdfem_mpi.scene import FileMesh, PlateWithHoleMesh, Scene, SceneError, cutoff_problems, show
+from pdfem_mpi.scene import (
+    PERIDYNAMIC_POISSONS_RATIO,
+    FileMesh,
+    PlateWithHoleMesh,
+    Region,
+    Scene,
+    SceneError,
+    cutoff_problems,
+    show,
+)
 
 #: A spacing of a deck may lie outside of the edges of the file's cells by this fraction.
 SPACING_MISFIT = 1e-3
@@ -54,6 +65,9 @@ class Discretization:
         Node positions in model units.
     region : int16, shape (n_cells,)
         Index of the deck's region.
+    material : int16, shape (n_cells,)
+        Index of the cell's material; 0 is the default.
+    materials : MaterialTable
     has_points : bool, shape (n_cells,)
         Cells with collocation points: peridynamic cells and the overlap.
     is_overlap : bool, shape (n_cells,)
@@ -66,7 +80,6 @@ class Discretization:
         Number of a node among the nodes of elements and overlap, else -1.
     cutoff : float
         Guarded cutoff radius in model units; 0 without peridynamics.
-    poissons_ratio : float
     """
 
     mesh: HexMesh
@@ -74,13 +87,14 @@ class Discretization:
     units: ModelUnits
     nodes: np.ndarray
     region: np.ndarray
+    material: np.ndarray
+    materials: MaterialTable
     has_points: np.ndarray
     is_overlap: np.ndarray
     has_stiffness: np.ndarray
     point_cell_number: np.ndarray
     node_number: np.ndarray
     cutoff: float
-    poissons_ratio: float
 
     @property
     def n_point_cells(self) -> int:
@@ -91,6 +105,16 @@ class Discretization:
     def n_nodes(self) -> int:
         """Number of nodes that carry unknowns."""
         return int(np.count_nonzero(self.node_number >= 0))
+
+    @property
+    def youngs_modulus(self) -> np.ndarray:
+        """Young's modulus of each cell in model units; float64, shape (n_cells,)."""
+        return self.materials.youngs_modulus[self.material]
+
+    @property
+    def poissons_ratio(self) -> np.ndarray:
+        """Poisson's ratio of each cell; float64, shape (n_cells,)."""
+        return self.materials.poissons_ratio[self.material]
 
     @property
     def has_nodes(self) -> np.ndarray:
@@ -155,13 +179,18 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
     Raises
     ------
     SceneError
-        Cells inside out, regions that overlap or leave cells out, an empty region, an overlap that does not fit.
+        Cells inside out, regions that overlap or leave cells out, an empty region, an overlap that does not fit or
+        whose material cannot have bonds.
     """
     mesh = make_mesh(scene) if mesh is None else mesh
     quality = measure(mesh)
     region = _assign_regions(scene, mesh)
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
     is_overlap = _find_overlap(scene, mesh, peridynamic)
+    materials = material_table(scene)
+    material = np.array([materials.names.index(r.material) for r in scene.regions], np.int16)[region]
+    cannot_bond = materials.poissons_ratio != PERIDYNAMIC_POISSONS_RATIO
+    _check_overlap_materials(scene, mesh, region, is_overlap & cannot_bond[material])
     has_points = peridynamic | is_overlap
     keeps_both = scene.coupling.kind == "paper_a"
     has_stiffness = ~peridynamic & (keeps_both | ~is_overlap)
@@ -181,13 +210,14 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         units=units,
         nodes=(mesh.nodes - units.origin) / length,
         region=region,
+        material=material,
+        materials=materials,
         has_points=has_points,
         is_overlap=is_overlap,
         has_stiffness=has_stiffness,
         point_cell_number=_number(has_points),
         node_number=_number(carries),
         cutoff=cutoff,
-        poissons_ratio=scene.material.poissons_ratio,
     )
 
 
@@ -205,9 +235,13 @@ def _number(chosen: np.ndarray) -> np.ndarray:
 def _assign_regions(scene: Scene, mesh: HexMesh) -> np.ndarray:
     region = np.full(len(mesh.cells), -1, np.int16)
     messages, unknown = [], False
+    round_ones = np.zeros(len(mesh.cells), bool)
+    for entry in scene.regions:
+        if entry.radius is not None:
+            round_ones |= _inside(mesh, entry)
     for index, entry in enumerate(scene.regions):
         if entry.set is None:
-            inside = mesh.cells_in_box(entry.lower, entry.upper)
+            inside = _inside(mesh, entry)
         else:
             where = f"regions.{entry.name}.set"
             try:
@@ -218,10 +252,19 @@ def _assign_regions(scene: Scene, mesh: HexMesh) -> np.ndarray:
                 continue
             inside = named_sets.cells(mesh, entry.set)
         if not inside.any():
+            shape = "box misses" if entry.radius is None else "ball or cylinder misses"
+            keys = "lower or upper" if entry.radius is None else "centre or radius"
             messages.append(
-                f"regions.{entry.name} contains no cell: its box misses all centroids of the mesh, which lie in "
-                f"{_span(mesh.centroids)}. Correct lower or upper, or remove the region."
+                f"regions.{entry.name} contains no cell: its {shape} all centroids of the mesh, which lie in "
+                f"{_span(mesh.centroids)}. Correct {keys}, or remove the region."
             )
+        elif entry.radius is None:
+            inside &= ~round_ones
+            if not inside.any():
+                messages.append(
+                    f"regions.{entry.name} contains no cell: regions with a radius take all of its box. "
+                    "Remove the region, or make them smaller."
+                )
         twice = inside & (region >= 0)
         if twice.any():
             other = scene.regions[region[np.flatnonzero(twice)[0]]].name
@@ -239,6 +282,32 @@ def _assign_regions(scene: Scene, mesh: HexMesh) -> np.ndarray:
     if messages:
         raise SceneError(messages)
     return region
+
+
+def _inside(mesh: HexMesh, entry: Region) -> np.ndarray:
+    """Cells whose centroid lies in the region's box and, where it has a radius, in its ball or cylinder."""
+    inside = mesh.cells_in_box(entry.lower, entry.upper)
+    if entry.radius is not None:
+        across = [d for d in range(3) if "xyz"[d] != entry.axis]
+        offset = (mesh.centroids - np.array(entry.centre))[:, across]
+        inside &= np.sqrt((offset**2).sum(axis=1)) <= entry.radius + mesh.tolerance
+    return inside
+
+
+def _check_overlap_materials(scene: Scene, mesh: HexMesh, region: np.ndarray, wrong: np.ndarray) -> None:
+    """Refuse cells of the overlap whose material cannot have bonds."""
+    messages = []
+    for index in np.unique(region[wrong]):
+        entry = scene.regions[index]
+        cells = wrong & (region == index)
+        messages.append(
+            f"regions.{entry.name}.material has another Poisson's ratio than 1/4, and {np.count_nonzero(cells)} of its "
+            f"cells are in the overlap, where points share bonds, the first {_places(mesh, cells)}. Put a region of "
+            f"finite elements with Poisson's ratio 0.25, at least coupling.overlap = {scene.coupling.overlap} cells "
+            "deep, between it and peridynamics."
+        )
+    if messages:
+        raise SceneError(messages)
 
 
 def _find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Failure of bonds (eq. 4): which may break and when, and the books of those that broke.
 
 A bond breaks for good when its stretch passes the critical one, which depends on the regions of its two points: the
-material's value, infinity where one of them may not fail. The sweeps break and record bonds; the books gather the
-records: which bonds, on this rank, and the energy they had, as an exact sum over all ranks.
+value for their two materials, infinity where one of them may not fail. The sweeps break and record bonds; the books
+gather the records: which bonds, on this rank, and the energy they had, as an exact sum over all ranks.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pdfem_mpi.kernels import failure
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.materials import bond_stretches
 from pdfem_mpi.model import Model
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.scene import Scene
@@ -223,8 +224,9 @@ def make_failure(scene: Scene, discretization: Discretization, model: Model) -> 
 
 def critical_stretches(scene: Scene, discretization: Discretization) -> np.ndarray:
     """Critical stretch of the bonds between points of two regions, float64, shape (n_regions, n_regions)."""
-    length = discretization.units.length
-    own = scene.material.stretch_at_failure(length, discretization.cutoff / (1.0 + CUTOFF_GUARD))
-    critical = UNBREAKABLE if own is None else own
+    cutoff_ratio = discretization.cutoff / (1.0 + CUTOFF_GUARD)
+    of_materials = bond_stretches(scene, discretization.units.length, cutoff_ratio)
+    material = np.array([discretization.materials.names.index(region.material) for region in scene.regions])
     may = np.array([region.may_fail for region in scene.regions])
+    critical = np.minimum(of_materials[material[:, None], material], UNBREAKABLE)
     return np.where(may[:, None] & may, critical, UNBREAKABLE)

@@ -18,6 +18,7 @@ from pdfem_mpi.kernels.finite_elements import (
     force_bound,
     gradient_tables,
     lame_moduli,
+    stiffness_of_moduli,
 )
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest
@@ -57,7 +58,7 @@ class Nodes:
 
 @dataclass(frozen=True)
 class SharedElements:
-    """Elements of one shape: one stiffness matrix (24, 24) and a factor per element."""
+    """Elements of one shape and Poisson's ratio: a stiffness matrix (24, 24) for E = 1, Young's modulus of each."""
 
     connectivity: np.ndarray
     stiffness: np.ndarray
@@ -83,14 +84,12 @@ class Elements:
     ----------
     shared : tuple of SharedElements
     general : GeneralElements or None
-    poissons_ratio : float
     bound : float, dimension force / length
         Largest force component per largest difference of nodal displacements, on all ranks.
     """
 
     shared: tuple[SharedElements, ...]
     general: GeneralElements | None
-    poissons_ratio: float
     bound: float
 
     def per_node(self, pick: Callable[[np.ndarray], np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -112,8 +111,7 @@ class Elements:
             part = self.general
             for start in range(0, len(part.connectivity), BATCH):
                 batch = slice(start, start + BATCH)
-                youngs_modulus = part.mu[batch] * (2.0 * (1.0 + self.poissons_ratio))
-                stiffness = element_stiffness(part.corners[batch], youngs_modulus, self.poissons_ratio)
+                stiffness = stiffness_of_moduli(part.corners[batch], part.lam[batch], part.mu[batch])
                 yield part.connectivity[batch], pick(stiffness)
 
 
@@ -198,8 +196,9 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -
         points = _make_points(discretization, subdomain, comm)
         finite = scene.peridynamics.kinematics == "finite"
         bonds, remaining = make_bonds(
-            comm, points, discretization.cutoff, finite, scene.peridynamics.surface_correction
-        )
+            comm, points, discretization.materials, discretization.cutoff, finite,
+            scene.peridynamics.surface_correction,
+        )  # fmt: skip
         if scene.peridynamics.stiffness_noise:
             bonds = perturbed(points, bonds, scene.peridynamics.stiffness_noise, scene.peridynamics.seed)
         if scene.output.damage:
@@ -273,12 +272,14 @@ def local_nodes(discretization: Discretization, subdomain: Subdomain) -> np.ndar
 
 def _make_points(discretization: Discretization, subdomain: Subdomain, comm) -> Points:
     owned = np.concatenate([subdomain.free, subdomain.overlap])
-    corners = discretization.nodes[discretization.mesh.cells[np.concatenate([owned, subdomain.ghosts])]]
+    cells = np.concatenate([owned, subdomain.ghosts])
+    corners = discretization.nodes[discretization.mesh.cells[cells]]
     number = discretization.point_cell_number
     return Points(
         n_free=len(subdomain.free),
         n_owned=len(owned),
-        cell_number=np.concatenate([number[owned], number[subdomain.ghosts]]),
+        cell_number=number[cells],
+        material=discretization.material[cells],
         x=cluster_layout(gauss_positions(corners)),
         volume=gauss_volumes(corners).reshape(-1),
         halo=build_halo(comm, number[owned], number[subdomain.ghosts], subdomain.ghost_owner),
@@ -298,7 +299,7 @@ def _make_nodes(discretization: Discretization, subdomain: Subdomain, comm) -> N
 
 
 def _shapes(discretization: Discretization) -> tuple[np.ndarray, np.ndarray]:
-    """Sort the elements of the whole mesh by shape, so that every rank treats a cell alike.
+    """Sort the elements of the whole mesh by shape and Poisson's ratio, so that every rank treats a cell alike.
 
     Returns
     -------
@@ -310,6 +311,7 @@ def _shapes(discretization: Discretization) -> tuple[np.ndarray, np.ndarray]:
     cells = np.flatnonzero(discretization.has_stiffness)
     corners = discretization.nodes[discretization.mesh.cells[cells]]
     relative = corners[:, 1:] - corners[:, :1]
+    nu = discretization.poissons_ratio[cells]
     shape = np.full(len(discretization.has_stiffness), -1)
     representatives: list[int] = []
     left = np.arange(len(cells))
@@ -318,6 +320,7 @@ def _shapes(discretization: Discretization) -> tuple[np.ndarray, np.ndarray]:
             shape[cells[left]] = -1
             break
         same = (np.abs(relative[left] - relative[left[0]]) <= SHAPE_TOLERANCE).all(axis=(1, 2))
+        same &= nu[left] == nu[left[0]]
         shape[cells[left[same]]] = len(representatives)
         representatives.append(int(cells[left[0]]))
         left = left[~same]
@@ -326,27 +329,26 @@ def _shapes(discretization: Discretization) -> tuple[np.ndarray, np.ndarray]:
 
 def _make_elements(discretization: Discretization, subdomain: Subdomain, local, comm) -> Elements:
     representatives, shape = _shapes(discretization)
-    nu = discretization.poissons_ratio
+    modulus, nu = discretization.youngs_modulus, discretization.poissons_ratio
     corners = discretization.nodes[discretization.mesh.cells]
     shared, bound = [], 0.0
     for index, cell in enumerate(representatives):
-        stiffness = element_stiffness(corners[cell][None], np.ones(1), nu)
+        stiffness = element_stiffness(corners[cell][None], np.ones(1), nu[cell])
         mine = subdomain.elements[shape[subdomain.elements] == index]
-        shared.append(
-            SharedElements(local[discretization.mesh.cells[mine]], stiffness[0], np.ones(len(mine)))
-        )
-        bound = max(bound, force_bound(stiffness))
+        shared.append(SharedElements(local[discretization.mesh.cells[mine]], stiffness[0], modulus[mine]))
+        bound = max(bound, force_bound(stiffness) * float(modulus[mine].max(initial=0.0)))
     general = None
     if (shape[discretization.has_stiffness] < 0).any():
         mine = subdomain.elements[shape[subdomain.elements] < 0]
-        lam, mu = lame_moduli(np.ones(len(mine)), nu)
+        lam, mu = lame_moduli(modulus[mine], nu[mine])
         general = GeneralElements(
             local[discretization.mesh.cells[mine]], corners[mine], gradient_tables(corners[mine]), lam, mu
         )
         for start in range(0, len(mine), BATCH):
-            batch = mine[start : start + BATCH]
-            bound = max(bound, force_bound(element_stiffness(corners[batch], np.ones(len(batch)), nu)))
-    return Elements(tuple(shared), general, nu, float(largest(comm, np.array([bound]))[0]))
+            batch = slice(start, start + BATCH)
+            stiffness = stiffness_of_moduli(corners[mine[batch]], lam[batch], mu[batch])
+            bound = max(bound, force_bound(stiffness))
+    return Elements(tuple(shared), general, float(largest(comm, np.array([bound]))[0]))
 
 
 def _masses(comm, points, bonds, nodes, elements, overlap) -> np.ndarray:

@@ -8,12 +8,14 @@ import numpy as np
 
 from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.fields import Fields, point_positions
-from pdfem_mpi.hex8 import GAUSS_POINTS, shape_functions, shape_gradients
+from pdfem_mpi.hex8 import GAUSS_POINTS, gauss_volumes, shape_functions, shape_gradients
 from pdfem_mpi.scene import BarProbe, LineProbe, Scene
 
 #: Stations nearer than this many cutoff radii to an end or to the interface are left out of straight-line fits.
 MARGIN = 2.0
 NEWTON_STEPS = 50
+#: Layers whose exact strains agree within this fraction have one modulus.
+SAME_STRAIN = 1e-9
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,14 @@ class Bar:
         Centres of the layers of cells along the axis.
     displacement, exact : float64, shape (n,), dimension length
         Mean axial displacement of each layer, its rigid part chosen so that the two end faces move by opposite
-        amounts (a face's displacement is its layer's, continued linearly), and ``stress x / E``.
+        amounts (a face's displacement is its layer's, continued linearly), and the integral of ``strain``.
+    strain : float64, shape (n,), dimension 1
+        ``stress / E`` of each layer, with the mean of Young's modulus over its volume: exact where the materials of
+        a cross section have one Poisson's ratio, and away from changes along the axis.
+    elongation : float, dimension length
+        The exact one, from end face to end face.
+    moduli_change : float64, shape (n_changes,), dimension length
+        Axial coordinates between layers of different moduli.
     has_points : bool, shape (n,)
         Layers described by free peridynamic points (else by elements or the overlap).
     lateral_strain : float64, shape (n,), dimension 1
@@ -40,6 +49,9 @@ class Bar:
     coordinate: np.ndarray
     displacement: np.ndarray
     exact: np.ndarray
+    strain: np.ndarray
+    elongation: float
+    moduli_change: np.ndarray
     has_points: np.ndarray
     lateral_strain: np.ndarray
     interfaces: tuple[float, ...]
@@ -51,9 +63,10 @@ class Bar:
         return self.interfaces[0] if self.interfaces else None
 
     def first_run(self, of_points: bool) -> np.ndarray:
-        """Layers of one description up to the first that is not; bool, shape (n,)."""
+        """Layers of one description and modulus, up to the first that is not; bool, shape (n,)."""
         same = self.has_points == of_points
-        return same & (np.cumsum(np.diff(same, prepend=False) & same) == 1)
+        starts = same & (np.diff(same, prepend=False) | np.append(False, changes(self.strain)))
+        return same & (np.cumsum(starts) == 1)
 
 
 @dataclass(frozen=True)
@@ -195,21 +208,38 @@ def measure_bar(
             face = mesh.lower[axis] if k == 0 else mesh.upper[axis]
             faces.append(np.polyval(np.polyfit(x[:, axis], u[:, axis], 1), face))
     displacement -= 0.5 * (faces[0] + faces[-1])
-    middle = 0.5 * (mesh.lower[axis] + mesh.upper[axis])
-    exact = factor * probe.stress / scene.material.youngs_modulus * (coordinate - middle)
     reach = np.array([mesh.nodes[mesh.cells[layer == k], axis].max() for k in range(n)])
-    changes = np.flatnonzero(of_points[1:] != of_points[:-1])
+    strain = factor * probe.stress / (scene.material.youngs_modulus * _layer_moduli(discretization, layer, n))
+    ends = np.concatenate([[0.0], np.cumsum(strain * np.diff(reach, prepend=mesh.lower[axis]))])
+    exact = 0.5 * (ends[:-1] + ends[1:]) - 0.5 * ends[-1]
+    switches = np.flatnonzero(of_points[1:] != of_points[:-1])
     overlap = None
-    if len(changes):
+    if len(switches):
         shared = np.array([discretization.is_overlap[layer == k].any() for k in range(n)])
-        first = changes[0] if shared[changes[0]] else changes[0] + 1
+        first = switches[0] if shared[switches[0]] else switches[0] + 1
         last = first
         while first > 0 and shared[first - 1]:
             first -= 1
         while last + 1 < n and shared[last + 1]:
             last += 1
         overlap = (float(reach[first - 1]) if first else float(mesh.lower[axis]), float(reach[last]))
-    return Bar(coordinate, displacement, exact, of_points, lateral, tuple(reach[changes].tolist()), overlap)
+    interfaces = tuple(reach[switches].tolist())
+    moduli_change = reach[:-1][changes(strain)]
+    return Bar(
+        coordinate, displacement, exact, strain, float(ends[-1]), moduli_change, of_points, lateral, interfaces, overlap
+    )
+
+
+def changes(strain: np.ndarray) -> np.ndarray:
+    """Whether the strain of a layer differs from the one before by more than round-off; bool, shape (n - 1,)."""
+    return ~np.isclose(strain[1:], strain[:-1], rtol=SAME_STRAIN, atol=0.0)
+
+
+def _layer_moduli(discretization: Discretization, layer: np.ndarray, n: int) -> np.ndarray:
+    """Mean of Young's modulus over the volume of each layer of cells, model units; float64, shape (n,)."""
+    volume = gauss_volumes(discretization.nodes[discretization.mesh.cells]).sum(axis=1)
+    stiffness = np.bincount(layer, volume * discretization.youngs_modulus, n)
+    return stiffness / np.bincount(layer, volume, n)
 
 
 def bar_results(
@@ -218,17 +248,18 @@ def bar_results(
     """End error, moduli and Poisson's ratio of each description, and the jump at the first interface.
 
     The end error is that of the last layer of cells, in percent of the exact displacement of the end face.
-    Moduli and the jump come from straight lines fitted to the first run of layers of each description, those more than
-    ``MARGIN`` cutoff radii (of cell edges, without peridynamics) away from the ends and the interfaces. The jump is
-    the peridynamic line minus the finite-element line at the interface, in units of strain times cell edge.
+    Moduli, relative to the run's own, and the jump come from straight lines fitted to the first run of layers of each
+    description and modulus, those more than ``MARGIN`` cutoff radii (of cell edges, without peridynamics) away from the
+    ends, the interfaces and changes of the modulus. The jump is the peridynamic line minus the finite-element line at
+    the interface, in units of the bar's mean strain times cell edge; only where both runs reach it.
     """
-    strain = factor * probe.stress / scene.material.youngs_modulus
     margin = MARGIN * (discretization.cutoff * discretization.units.length or discretization.mesh.mean_edge)
     lower, upper = (
         corner["xyz".index(probe.axis)] for corner in (discretization.mesh.lower, discretization.mesh.upper)
     )
     clear = (bar.coordinate > lower + margin) & (bar.coordinate < upper - margin)
-    for interface in bar.interfaces:
+    strain = bar.elongation / (upper - lower)
+    for interface in (*bar.interfaces, *bar.moduli_change):
         clear &= np.abs(bar.coordinate - interface) > margin
     results = {
         "end_displacement": float(bar.displacement[-1]),
@@ -236,17 +267,18 @@ def bar_results(
             100.0 * (bar.displacement[-1] - bar.exact[-1]) / (0.5 * strain * (upper - lower))
         ),
     }
-    lines = {}
+    lines, runs = {}, []
     for name, of_points in (("finite_elements", False), ("peridynamics", True)):
-        chosen = bar.first_run(of_points)
+        chosen = run = bar.first_run(of_points)
         if np.count_nonzero(chosen & clear) >= 2:
             chosen = chosen & clear
         if np.count_nonzero(chosen) < 2:
             continue
         lines[name] = np.polyfit(bar.coordinate[chosen], bar.displacement[chosen], 1)
-        results[f"modulus_ratio_{name}"] = float(strain / lines[name][0])
+        runs.append(np.flatnonzero(run)[[0, -1]])
+        results[f"modulus_ratio_{name}"] = float(bar.strain[run][0] / lines[name][0])
         results[f"poissons_ratio_{name}"] = float(-bar.lateral_strain[chosen].mean() / lines[name][0])
-    if bar.interface is not None and len(lines) == 2:
+    if len(lines) == 2 and (runs[0][1] + 1 == runs[1][0] or runs[1][1] + 1 == runs[0][0]):
         gap = np.polyval(lines["peridynamics"], bar.interface) - np.polyval(
             lines["finite_elements"], bar.interface
         )

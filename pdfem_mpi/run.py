@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from pdfem_mpi import __version__
-from pdfem_mpi.bonds import total_bonds
+from pdfem_mpi.bonds import count_by_material, total_bonds
 from pdfem_mpi.components import describe_loose
 from pdfem_mpi.discretization import Discretization, ModelUnits, discretize, make_mesh
 from pdfem_mpi.failure import Failure, make_failure
@@ -231,6 +231,9 @@ class _Run:
         for index, cut in enumerate(model.cut):
             text = f"cuts {cut:,} bonds" if cut else "cuts no bond: it does not pass through peridynamic cells"
             self.reporter.line(f"cracks.{index} {text}")
+        by_material = count_by_material(comm, model.bonds) if model.bonds else None
+        for text in _interfaces_without_bonds(scene, discretization, by_material):
+            self.reporter.line(text)
         writer = on_root(comm, lambda: self._open_results(discretization, failure))
         code, reason, fields = EXIT_FINISHED, None, None
         n_steps = len(scene.stepping.load_factors) if isinstance(scene.stepping, Steps) else None
@@ -266,7 +269,7 @@ class _Run:
         summary = None
         if comm.rank == 0:
             summary = self._summary(
-                code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields
+                code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields, by_material
             )
         on_root(comm, lambda: write_summary(self.out / "summary.json", summary))
         if comm.rank == 0:
@@ -301,11 +304,12 @@ class _Run:
             attributes = {"pdfem_mpi_version": __version__, "deck_sha256": _sha256(self.deck_text)}
             if discretization.has_points.any():
                 region = np.repeat(discretization.region[discretization.has_points], 8)
+                material = np.repeat(discretization.material[discretization.has_points], 8)
                 overlap = np.repeat(discretization.is_overlap[discretization.has_points], 8)
                 vtkhdf.create_points(
                     out / "points.vtkhdf",
                     point_positions(discretization),
-                    {"global_id": np.arange(len(region)), "region": region, "overlap": overlap},
+                    {"global_id": np.arange(len(region)), "region": region, "material": material, "overlap": overlap},
                     attributes=attributes,
                 )
                 frames.append(("points.vtkhdf", lambda fields: fields.u_points))
@@ -316,7 +320,11 @@ class _Run:
                     out / "elements.vtkhdf",
                     mesh.nodes[carrying],
                     discretization.node_number[mesh.cells[cells]],
-                    {"region": discretization.region[cells], "overlap": discretization.is_overlap[cells]},
+                    {
+                        "region": discretization.region[cells],
+                        "material": discretization.material[cells],
+                        "overlap": discretization.is_overlap[cells],
+                    },
                     attributes=attributes,
                 )
                 frames.append(("elements.vtkhdf", lambda fields: fields.u_nodes))
@@ -391,7 +399,7 @@ class _Run:
         )
 
     def _summary(
-        self, code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields
+        self, code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields, by_material
     ):
         last = self.rows[-1] if self.rows else None
         return {
@@ -428,6 +436,7 @@ class _Run:
             },
             "bonds_cut_by_cracks": list(model.cut),
             "parts_at_start": self.parts,
+            "bonds_by_materials": _named_pairs(discretization.materials.names, by_material),
             "probes": self.probes,
             "seconds": self.seconds | {"evaluation_phases_rank_0": phases},
             "memory": {"peak_bytes_per_rank": memory},
@@ -490,6 +499,22 @@ def _counts(discretization: Discretization, model: Model | None) -> dict[str, in
         counts["undirected_bonds"] = total_bonds(model.comm, model.bonds)
         counts["unknowns"] = int(sum_integers(model.comm, np.array([model.n_unknowns]))[0])
     return counts
+
+
+def _named_pairs(names: tuple[str, ...], by_material: np.ndarray | None) -> dict[str, int]:
+    """Bonds between each two of several materials that have any, by name; empty for one material."""
+    if by_material is None or len(names) == 1:
+        return {}
+    pairs = [(a, b) for a in range(len(names)) for b in range(a, len(names)) if by_material[a, b]]
+    return {f"{names[a]} - {names[b]}": int(by_material[a, b]) for a, b in pairs}
+
+
+def _interfaces_without_bonds(scene: Scene, discretization: Discretization, by_material: np.ndarray | None):
+    """Sentences about interfaces that no bond crosses."""
+    number = discretization.materials.names.index
+    for index, interface in enumerate(scene.interfaces):
+        if not by_material[tuple(number(name) for name in interface.between)]:
+            yield f"interfaces.{index} is crossed by no bond: its materials do not meet in peridynamics or the overlap"
 
 
 def _headline(scene, comm, counts, seconds) -> str:

@@ -29,6 +29,8 @@ MAX_CELLS = 2**28  # 2**31 points: far above any machine this is for; catches a 
 HOLE_CELLS = 2  # spacings that the radius of a hole, and its distance from an edge, must have: room to grade cells
 CUTOFF_RATIO = 2.5  # r_c / l of the paper (sec. 4.1, appendix B)
 MESH_SUFFIXES = (".msh", ".inp", ".vtu", ".exo", ".e")  # Gmsh, Abaqus, VTK, Exodus II
+DEFAULT_MATERIAL = "default"  # what regions and interfaces call the table [material]
+MOST_CONTRAST = 1e6  # of Young's moduli: residuals then stop at 4e-8, above that at tolerances in use
 PERIDYNAMIC_POISSONS_RATIO = 0.25  # central bond forces in an isotropic solid admit no other value
 
 
@@ -286,14 +288,20 @@ def _corner_problems(lower: Vector | None, upper: Vector | None, equal: bool = F
     return problems
 
 
+def _failure_problems(table: BaseModel) -> list[Problem]:
+    if table.critical_stretch is None or table.fracture_energy is None:
+        return []
+    return [Problem("critical_stretch", "and fracture_energy are both given, and each gives the other. Keep one.")]
+
+
 class Material(Table):
-    """Isotropic elastic material (sec. 2.1); deck table ``[material]``.
+    """Isotropic elastic material (sec. 2.1); deck tables ``[material]`` and, for further ones, ``[materials.NAME]``.
 
     Attributes
     ----------
     youngs_modulus : float, > 0, dimension force / length^2
     poissons_ratio : float, above -1 and below 0.5, dimension 1
-        1/4 wherever the scene has peridynamics: central bond forces admit no other value.
+        1/4 wherever the material has bonds (peridynamic regions, overlap): central forces admit no other value.
     critical_stretch : float or None, > 0, dimension 1
         ``s_0`` of eq. (4): bonds beyond it break.
     fracture_energy : float or None, > 0, dimension force / length
@@ -314,9 +322,7 @@ class Material(Table):
 
     def problems(self) -> list[Problem]:
         """At most one of critical stretch and fracture energy."""
-        if self.critical_stretch is None or self.fracture_energy is None:
-            return []
-        return [Problem("critical_stretch", "and fracture_energy are both given, and each gives the other. Keep one.")]
+        return _failure_problems(self)
 
     @property
     def can_fail(self) -> bool:
@@ -348,6 +354,45 @@ class Material(Table):
         return self.youngs_modulus / (3.0 * (1.0 - 2.0 * self.poissons_ratio))
 
 
+class Interface(Table):
+    """What holds for the bonds between two materials (sec. 2.1, Fig. 6); deck tables ``[[interfaces]]``.
+
+    What is not given here is that of the material with the smaller bulk modulus.
+
+    Attributes
+    ----------
+    between : two texts
+        Names of the materials, in any order; "default" is the table [material].
+    youngs_modulus : float or None, > 0, dimension force / length^2
+    critical_stretch : float or None, > 0, dimension 1
+    fracture_energy : float or None, > 0, dimension force / length
+        At most one of the last two.
+    """
+
+    between: tuple[str, ...] = key(remedy='Name the two materials, for example ["default", "steel"].')
+    youngs_modulus: float | None = key(None, gt=0, dimension="force / length^2")
+    critical_stretch: float | None = key(None, gt=0, dimension="1")
+    fracture_energy: float | None = key(None, gt=0, dimension="force / length")
+
+    def problems(self) -> list[Problem]:
+        """Two different names, and something given."""
+        problems = _failure_problems(self)
+        if len(self.between) != 2 or self.between[0] == self.between[1]:
+            problems.append(
+                Problem("between", f"= {show(self.between)} must name two different materials. Correct it.")
+            )
+        if self.youngs_modulus is None and not self.can_fail:
+            problems.append(
+                Problem("", "changes nothing. Give youngs_modulus, critical_stretch or fracture_energy, or remove it.")
+            )
+        return problems
+
+    @property
+    def can_fail(self) -> bool:
+        """Whether it says when bonds break."""
+        return self.critical_stretch is not None or self.fracture_energy is not None
+
+
 class Region(Table):
     """Cells described by one model; deck tables ``[[regions]]``.
 
@@ -355,8 +400,16 @@ class Region(Table):
     ----------
     name : str
     model : "finite_elements" or "peridynamics"
+    material : str
+        Name of a table [materials.NAME]; "default" (the default) is the table [material].
     lower, upper : three floats or None, dimension length
         The cells whose centroid lies in this closed box; None (default) sets no limit on that side.
+    centre : three floats or None, dimension length
+    radius : float or None, > 0, dimension length
+        Both or none: only the cells whose centroid lies in this closed ball. Regions with a radius take their cells
+        out of those without.
+    axis : "x", "y", "z" or None
+        With a radius: a cylinder about this axis instead of a ball.
     may_fail : bool
         False: bonds with an end in this region never break.
     set : str or None
@@ -365,18 +418,27 @@ class Region(Table):
 
     name: str = key(min_length=1, remedy="Give the region a name that loads and supports can refer to.")
     model: Literal["finite_elements", "peridynamics"] = key(remedy="Give the model that describes its cells.")
+    material: str = key(DEFAULT_MATERIAL)
     lower: Vector | None = key(None, dimension="length")
     upper: Vector | None = key(None, dimension="length")
+    centre: Vector | None = key(None, dimension="length")
+    radius: float | None = key(None, gt=0, dimension="length")
+    axis: Literal["x", "y", "z"] | None = key(None)
     may_fail: bool = key(True)
     set: str | None = key(None)
 
     def problems(self) -> list[Problem]:
-        """Corners in order, and one way to choose cells."""
+        """Corners in order, a whole ball or cylinder, and one way to choose cells."""
         problems = _corner_problems(self.lower, self.upper)
-        if self.set is not None and (self.lower is not None or self.upper is not None):
+        if self.set is not None and (self.lower, self.upper, self.centre, self.radius) != (None,) * 4:
             problems.append(
-                Problem("set", f"= {show(self.set)} chooses cells, and so do lower and upper. Keep one of the two.")
+                Problem("set", f"= {show(self.set)} chooses cells, and so do lower, upper or radius. Keep one of them.")
             )
+        if (self.centre is None) != (self.radius is None):
+            given, other = ("centre", "radius") if self.radius is None else ("radius", "centre")
+            problems.append(Problem(given, f"= {show(getattr(self, given))} needs a {other}. Add it."))
+        if self.axis is not None and self.radius is None:
+            problems.append(Problem("axis", f'= "{self.axis}" is that of a cylinder. Add centre and radius.'))
         return problems
 
 
@@ -839,6 +901,8 @@ class Scene(Table):
     units: Units = Field(default_factory=Units)
     mesh: Mesh = key(remedy="Add a table [mesh] with lower, upper and spacing.")
     material: Material = key(remedy="Add a table [material] with youngs_modulus.")
+    materials: dict[str, Material] = key({})
+    interfaces: tuple[Interface, ...] = key(())
     regions: tuple[Region, ...] = key(
         min_length=1, remedy="Add at least one table [[regions]] with name and model."
     )
@@ -878,23 +942,34 @@ def _check_cracks(cracks: Sequence[Crack], regions: Sequence[Region]) -> list[Pr
     return [Problem("cracks", "cut bonds, and no region has any. Describe the region of the crack by peridynamics.")]
 
 
-def _check_failure(material: Material, regions: Sequence[Region], stepping: Any) -> list[Problem]:
+def _check_failure(
+    material: Material,
+    materials: dict[str, Material],
+    interfaces: Sequence[Interface],
+    regions: Sequence[Region],
+    stepping: Any,
+) -> list[Problem]:
     """Failure needs bonds that may break, and a program that breaks them needs failure."""
+    tables = _all_materials(material, materials)
     if not _has_model(regions, "peridynamics"):
-        if not material.can_fail:
-            return _needs_failure(stepping, "finite elements do not break. Describe a region by peridynamics.")
-        which = "critical_stretch" if material.critical_stretch is not None else "fracture_energy"
-        return [
+        problems = [
             Problem(
-                f"material.{which}",
+                f"{where}.{'fracture_energy' if table.critical_stretch is None else 'critical_stretch'}",
                 "breaks bonds, and no region has any. Remove it, or describe a region by peridynamics.",
             )
+            for where, table in tables.values()
+            if table.can_fail
         ]
-    if not material.can_fail:
+        return problems or _needs_failure(
+            stepping, "finite elements do not break. Describe a region by peridynamics."
+        )
+    bonded = [region for region in regions if region.model == "peridynamics"]
+    breakable = any(tables[region.material][1].can_fail for region in bonded if region.material in tables)
+    if not breakable and not any(interface.can_fail for interface in interfaces):
         return _needs_failure(
             stepping, "nothing says when bonds break. Give material.critical_stretch or material.fracture_energy."
         )
-    if not any(region.may_fail for region in regions if region.model == "peridynamics"):
+    if not any(region.may_fail for region in bonded):
         return [
             Problem("regions", "with peridynamics all have may_fail = false: no bond can break. Let one of them fail.")
         ]
@@ -953,17 +1028,113 @@ def _has_model(regions: Sequence[Region], model: str) -> bool:
     return model in models
 
 
-def _check_poissons_ratio(material: Material, regions: Sequence[Region]) -> list[Problem]:
-    nu = material.poissons_ratio
-    if nu == PERIDYNAMIC_POISSONS_RATIO or not _has_model(regions, "peridynamics"):
+def _all_materials(material: Material, materials: dict[str, Material]) -> dict[str, tuple[str, Material]]:
+    """Key in the deck and table of every material, by name."""
+    return {DEFAULT_MATERIAL: ("material", material)} | {
+        name: (f"materials.{name}", table) for name, table in materials.items()
+    }
+
+
+def _check_poissons_ratio(
+    material: Material, materials: dict[str, Material], regions: Sequence[Region]
+) -> list[Problem]:
+    bonded = {
+        getattr(region, "material", None) for region in regions if getattr(region, "model", None) == "peridynamics"
+    }
+    return [
+        Problem(
+            f"{where}.poissons_ratio",
+            f"= {show(table.poissons_ratio)} is not 1/4, the only value of bond-based peridynamics. "
+            "Use 0.25, or describe every region of this material by finite_elements.",
+        )
+        for name, (where, table) in _all_materials(material, materials).items()
+        if name in bonded and table.poissons_ratio != PERIDYNAMIC_POISSONS_RATIO
+    ]
+
+
+def _check_material_names(materials: dict[str, Material]) -> list[Problem]:
+    problems = []
+    for name in materials:
+        if name == DEFAULT_MATERIAL:
+            problems.append(Problem(f"materials.{name}", "is the name of the table [material]. Choose another name."))
+        elif not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+            problems.append(
+                Problem(f"materials.{show(name)}", "is not a name. Use letters, digits, - and _ only.")
+            )
+    return problems
+
+
+def _check_region_materials(
+    material: Material, materials: dict[str, Material], regions: Sequence[Region]
+) -> list[Problem]:
+    """Every region has a material, and every material a region."""
+    if not regions:
+        return []
+    tables = _all_materials(material, materials)
+    problems = _unknown_names([(f"regions.{k}.material", region.material) for k, region in enumerate(regions)], tables)
+    if problems:  # a misspelt name may be the missing use of another
+        return problems
+    used = {region.material for region in regions}
+    for name, (where, _) in tables.items():
+        if name not in used:
+            remedy = (
+                f'Give a region material = "{name}", or remove the table.'
+                if name != DEFAULT_MATERIAL
+                else "Let a region without the key material use it: write the values of another material there."
+            )
+            problems.append(Problem(where, f"is the material of no region. {remedy}"))
+    return problems
+
+
+def _check_contrast(
+    material: Material, materials: dict[str, Material], interfaces: Sequence[Interface]
+) -> list[Problem]:
+    """Residuals of all materials are weighed together, and stop at the round-off of the stiffest."""
+    moduli = {where: table.youngs_modulus for where, table in _all_materials(material, materials).values()}
+    moduli |= {f"interfaces.{k}": i.youngs_modulus for k, i in enumerate(interfaces) if i.youngs_modulus is not None}
+    stiffest, softest = max(moduli, key=moduli.get), min(moduli, key=moduli.get)
+    contrast = moduli[stiffest] / moduli[softest]
+    if contrast <= MOST_CONTRAST * (1.0 + 1e-9):
         return []
     return [
         Problem(
-            "material.poissons_ratio",
-            f"= {show(nu)} is not 1/4, the only value of bond-based peridynamics. "
-            "Use 0.25, or describe every region by finite_elements.",
+            f"{softest}.youngs_modulus",
+            f"= {show(moduli[softest])} is {contrast:.3g} times below {stiffest}.youngs_modulus = "
+            f"{show(moduli[stiffest])}: round-off of the stiff would hide the soft. Keep them within "
+            f"{MOST_CONTRAST:g}; leave out what carries nothing, and support what does not give.",
         )
     ]
+
+
+def _check_interfaces(
+    material: Material, materials: dict[str, Material], regions: Sequence[Region], interfaces: Sequence[Interface]
+) -> list[Problem]:
+    if not interfaces:
+        return []
+    if not _has_model(regions, "peridynamics"):
+        return [Problem("interfaces", "are of bonds, and no region has any. Remove them.")]
+    tables = _all_materials(material, materials)
+    first: dict[frozenset[str], int] = {}
+    problems = []
+    for index, interface in enumerate(interfaces):
+        where = f"interfaces.{index}.between"
+        problems += _unknown_names([(where, name) for name in interface.between], tables)
+        pair = frozenset(interface.between)
+        if pair in first:
+            problems.append(
+                Problem(where, f"= {show(interface.between)} is there already as interfaces.{first[pair]}. Keep one.")
+            )
+        first.setdefault(pair, index)
+    return problems
+
+
+def _unknown_names(uses: Iterable[tuple[str, str]], tables: dict[str, Any]) -> list[Problem]:
+    problems = []
+    for where, name in uses:
+        if name not in tables:
+            remedy = did_you_mean(name, tables) or f" The materials are {', '.join(tables)}."
+            problems.append(Problem(where, f"has {show(name)}, which is not the name of a material.{remedy}"))
+    return problems
 
 
 def _check_cutoff(mesh: Mesh, peridynamics: Peridynamics, regions: Sequence[Region]) -> list[Problem]:
@@ -1085,10 +1256,14 @@ def _check_tractions(regions: Sequence[Region], loads: Sequence[Any]) -> list[Pr
 
 
 CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
-    (("material", "regions"), _check_poissons_ratio),
+    (("material", "materials", "regions"), _check_poissons_ratio),
+    (("materials",), _check_material_names),
+    (("material", "materials", "regions"), _check_region_materials),
+    (("material", "materials", "interfaces"), _check_contrast),
+    (("material", "materials", "regions", "interfaces"), _check_interfaces),
     (("mesh", "peridynamics", "regions"), _check_cutoff),
     (("cracks", "regions"), _check_cracks),
-    (("material", "regions", "stepping"), _check_failure),
+    (("material", "materials", "interfaces", "regions", "stepping"), _check_failure),
     (("stepping", "solver"), _check_stepping_solver),
     (("stepping", "loads", "supports"), _check_something_loads),
     (("output", "regions"), _check_damage),

@@ -160,7 +160,9 @@ def count_rows(row_start, row_offset, rows_of_point, rows_at_cluster):
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
-def fill_rows(row_start, row_offset, row_data, x, volume, factor, constant, cutoff, finite, strongest):
+def fill_rows(
+    row_start, row_offset, row_data, x, volume, factor, constants, material, cutoff, finite, strongest, counts
+):  # fmt: skip
     """Write the stored numbers of every slot of the rows (eq. 2, with the correction of eq. A12 in it).
 
     Finite kinematics store ``K = 1/2 c exp(-r0^2) g_ij w_i w_j / r0`` and ``1 / r0^2`` (two numbers a slot),
@@ -177,22 +179,20 @@ def fill_rows(row_start, row_offset, row_data, x, volume, factor, constant, cuto
         Integration weights ``w``.
     factor : float64, shape (n_clusters * 12,) or (0,)
         Correction vectors ``g_c`` (eq. A11) in cluster layout; size 0: no correction, ``g_ij = 1``.
-    constant : float
-        ``c = 9 k / pi`` in model units.
+    constants : float64, shape (n_materials, n_materials)
+        ``c = 9 k / pi`` in model units, of the bonds between two materials; symmetric.
+    material : int16, shape (n_clusters / 2,)
+        Material of each local cell: a row has one pair of them.
     cutoff : float
         Guarded cutoff radius / l.
     finite : bool
     strongest : float64, shape (2,), dimensions force and force / length
         Raised to the largest ``c exp(-r0^2) g_ij w_i w_j``, the force of a bond per unit stretch, and to the
         largest half of that over ``r0``.
-
-    Returns
-    -------
-    int
-        Number of bonds.
+    counts : int64, shape (n_materials, n_materials)
+        The numbers of bonds from a material of the rows' points to one of the rows' clusters; added to.
     """
     limit = cutoff * cutoff
-    count = 0
     stride = 2 * W if finite else W
     gamma = np.empty(3)
     for i in range(row_start.size - 1):
@@ -200,6 +200,9 @@ def fill_rows(row_start, row_offset, row_data, x, volume, factor, constant, cuto
         lane = i - W * own
         for row in range(row_start[i], row_start[i + 1]):
             c = np.int64(row_offset[row]) // (9 * W)
+            a, b = material[own // 2], material[c // 2]
+            constant = constants[a, b]
+            count = 0
             for k in range(W):
                 dx = x[12 * c + k] - x[12 * own + lane]
                 dy = x[12 * c + W + k] - x[12 * own + W + lane]
@@ -223,7 +226,7 @@ def fill_rows(row_start, row_offset, row_data, x, volume, factor, constant, cuto
                     row_data[row * stride + W + k] = 1.0 / r2
                 else:
                     row_data[row * stride + k] = strength / (r2 * math.sqrt(r2))
-    return count
+            counts[a, b] += count
 
 
 SIGNATURES = {
@@ -233,7 +236,8 @@ SIGNATURES = {
         _f8, types.float64, _i8, _i8, _i8, _i8, _u4, _i8,
     ),
     count_rows: types.void(_i8, _u4, _i8, _i8),
-    fill_rows: types.int64(
-        _i8, _u4, types.float32[::1], _f8, _f8, _f8, types.float64, types.float64, types.boolean, _f8
+    fill_rows: types.void(
+        _i8, _u4, types.float32[::1], _f8, _f8, _f8, types.float64[:, ::1], types.int16[::1], types.float64,
+        types.boolean, _f8, types.int64[:, ::1],
     ),
 }  # fmt: skip

@@ -18,7 +18,7 @@ MARGIN = 1.0 + 2.0**-30  # of a computed force over its bound in exact arithmeti
 
 
 def element_stiffness(
-    coordinates: np.ndarray, youngs_modulus: np.ndarray, poissons_ratio: float
+    coordinates: np.ndarray, youngs_modulus: np.ndarray, poissons_ratio: float | np.ndarray
 ) -> np.ndarray:
     """Stiffness ``k = sum_g w_g B^T C B`` of isotropic elements, 2x2x2 Gauss points; symmetric to the bit.
 
@@ -27,14 +27,19 @@ def element_stiffness(
     coordinates : float64, shape (n, 8, 3), dimension length
         Nodes of the elements, with positive Gauss volumes.
     youngs_modulus : float64, shape (n,), dimension force / length^2
-    poissons_ratio : float
+    poissons_ratio : float, or float64, shape (n,)
 
     Returns
     -------
     float64, shape (n, 24, 24), dimension force / length
         Row and column ``3 node + component``. 4.6 kB an element: cut large meshes into batches.
     """
-    lam, mu = (modulus[:, None, None, None, None] for modulus in lame_moduli(youngs_modulus, poissons_ratio))
+    return stiffness_of_moduli(coordinates, *lame_moduli(youngs_modulus, poissons_ratio))
+
+
+def stiffness_of_moduli(coordinates: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> np.ndarray:
+    """`element_stiffness` from Lame's moduli, shape (n,), dimension force / length^2."""
+    lam, mu = (modulus[:, None, None, None, None] for modulus in (lam, mu))
     gradients, volumes = gauss_gradients(coordinates)
     stiffness = np.zeros((len(coordinates), 8, 3, 8, 3))
     for g in range(8):
@@ -48,13 +53,13 @@ def element_stiffness(
     return stiffness.reshape(-1, 24, 24)
 
 
-def lame_moduli(youngs_modulus: np.ndarray, poissons_ratio: float) -> tuple[np.ndarray, np.ndarray]:
+def lame_moduli(youngs_modulus: np.ndarray, poissons_ratio: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Lame's moduli lambda and mu of an isotropic material.
 
     Parameters
     ----------
     youngs_modulus : float64, shape (n,), dimension force / length^2
-    poissons_ratio : float
+    poissons_ratio : float, or float64, shape (n,)
 
     Returns
     -------

@@ -108,8 +108,8 @@ def update_factors(n_clusters, T, TI, volume, quantum, target):
     volume : float64, shape (n_clusters * 4,)
         Integration weights ``w_i``.
     quantum : float
-    target : float
-        ``g_inf`` in model units.
+    target : float64, shape (n_clusters,)
+        ``g_inf`` of each cluster's own material, in model units: the fictitious body of appendix A is made of it.
 
     Returns
     -------
@@ -122,8 +122,8 @@ def update_factors(n_clusters, T, TI, volume, quantum, target):
             for k in range(W):
                 response = quantum * TI[36 * c + W * (6 + d) + k] / volume[W * c + k]
                 if response > 0:
-                    worst = max(worst, abs(response / target - 1))
-                    T[36 * c + W * d + k] *= target / response
+                    worst = max(worst, abs(response / target[c] - 1))
+                    T[36 * c + W * d + k] *= target[c] / response
     return worst
 
 
@@ -132,5 +132,5 @@ SIGNATURES = {
     add_responses: types.void(
         _i8, types.uint32[::1], types.float32[::1], _f8, _i8, types.float64, types.boolean
     ),
-    update_factors: types.float64(types.int64, _f8, _i8, _f8, types.float64, types.float64),
+    update_factors: types.float64(types.int64, _f8, _i8, _f8, types.float64, _f8),
 }

@@ -15,7 +15,8 @@ from pdfem_mpi.kernels.preconditioner import add_point_blocks
 from pdfem_mpi.model import Model, assemble
 from pdfem_mpi.parallel.comm import largest
 
-#: Directions of a block softer than this fraction of the stiffest block of all are held still.
+#: Directions of a block softer than this fraction of the stiffest block of all, each over its material's modulus, are
+#: held still.
 SOFTEST = 1e-7
 
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
@@ -89,12 +90,23 @@ def node_blocks(model: Model, of_points: np.ndarray | None) -> np.ndarray:
     return assemble(model.comm, model.nodes, contributions, 6)
 
 
-def softest(comm, blocks: np.ndarray) -> float:
-    """Stiffness below which a direction counts as without any: relative to the stiffest of all blocks. Collective."""
-    return SOFTEST * float(largest(comm, np.array([blocks[:, :3].max(initial=0.0)]))[0])
+def softest(comm, blocks: np.ndarray, modulus: np.ndarray) -> np.ndarray:
+    """Stiffness below which a direction of each block counts as without any. Collective.
+
+    Parameters
+    ----------
+    blocks : float64, shape (n, 6)
+    modulus : float64, shape (n,)
+        Young's modulus of the material around: a block is measured by the stiffest of all, each over its modulus.
+
+    Returns
+    -------
+    float64, shape (n,)
+    """
+    return SOFTEST * modulus * float(largest(comm, np.array([(blocks[:, :3] / modulus[:, None]).max(initial=0.0)]))[0])
 
 
-def inverted(blocks: np.ndarray, fixed: np.ndarray, limit: float) -> np.ndarray:
+def inverted(blocks: np.ndarray, fixed: np.ndarray, limit: np.ndarray) -> np.ndarray:
     """Inverse blocks by eigenvalues; directions without stiffness, and fixed ones, are held still.
 
     Parameters
@@ -102,7 +114,7 @@ def inverted(blocks: np.ndarray, fixed: np.ndarray, limit: float) -> np.ndarray:
     blocks : float64, shape (n, 6)
     fixed : bool, shape (n, 3)
         Components that do not move.
-    limit : float
+    limit : float64, shape (n,)
         From `softest`.
 
     Returns
@@ -112,7 +124,8 @@ def inverted(blocks: np.ndarray, fixed: np.ndarray, limit: float) -> np.ndarray:
     matrix = blocks[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3).copy()
     matrix[fixed[:, :, None] | fixed[:, None, :]] = 0.0
     values, vectors = np.linalg.eigh(matrix)
-    inverse = np.where(values > limit, 1.0 / np.maximum(values, max(limit, 1e-300)), 0.0)
+    limit = limit[:, None]
+    inverse = np.where(values > limit, 1.0 / np.maximum(values, np.maximum(limit, 1e-300)), 0.0)
     full = np.zeros_like(matrix)
     for d in range(3):
         full += inverse[:, d, None, None] * vectors[:, :, d, None] * vectors[:, None, :, d]

@@ -15,12 +15,13 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.hex8 import GAUSS_POINTS, gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.finite_elements import lame_moduli
 from pdfem_mpi.kernels.preconditioner import interpolate, restrict
 from pdfem_mpi.loading import rigid_motions
 from pdfem_mpi.model import Model
-from pdfem_mpi.parallel.comm import sum_integers
+from pdfem_mpi.parallel.comm import largest, sum_integers
 
 #: Spacing of the grid in cell edges.
 COARSENING = 2.0
@@ -30,7 +31,7 @@ MOST_FILL = 2.5e7
 DAMPING, SMOOTHINGS = 0.5, 2
 #: Added to the diagonal, relative: pins the rigid motions of free bodies.
 PIN = 1e-8
-#: Moments are rounded to this fraction of a cell of unit volume.
+#: Moments are rounded to this fraction of a cell of unit volume, and of the stiffest material in the grid cell.
 MOMENT_QUANTUM = 2.0**-40
 
 _CORNERS = np.array(list(product((0, 1), repeat=3)))  # of a grid cell, z fastest
@@ -145,7 +146,7 @@ class Grid:
 
 
 def make_grid(
-    intact: Model, positions: np.ndarray, cells: np.ndarray, fixed: np.ndarray, spring: float, motions: np.ndarray
+    intact: Model, discretization: Discretization, fixed: np.ndarray, spring: float, motions: np.ndarray
 ) -> Grid:
     """Set up the grid over a finite-element model. Collective.
 
@@ -153,16 +154,15 @@ def make_grid(
     ----------
     intact : Model
         Finite elements in every cell.
-    positions : float64, shape (n_mesh_nodes, 3)
-        All nodes of the mesh, model units.
-    cells : int32, shape (n_cells, 8)
-        Cells of the mesh.
+    discretization : Discretization
+        Of the same body.
     fixed : bool, shape (n_owned_nodes, 3)
         Components that do not move: held by springs of stiffness ``spring``.
     motions : float64, shape (n_motions, 6)
         Rigid motions that nothing holds, as combinations of translations and rotations.
     """
     comm, nodes, subdomain = intact.comm, intact.nodes, intact.subdomain
+    positions, cells = discretization.nodes, discretization.mesh.cells
     lower, upper = positions.min(axis=0), positions.max(axis=0)
     edge = np.sqrt(((positions[cells[:, 6]] - positions[cells[:, 0]]) ** 2).sum(axis=1) / 3.0)
     spacing = COARSENING * float(np.median(edge))
@@ -175,9 +175,18 @@ def make_grid(
 
     own = subdomain.elements
     points = gauss_positions(positions[cells[own]])
-    moments = np.zeros((int(np.prod(counts)), 4, 27), np.int64)
     where, xi = _locate(points.reshape(-1, 3), lower, h, counts)
-    _add_moments(moments[:, 0], where, xi, gauss_volumes(positions[cells[own]]).reshape(-1))
+    modulus, nu = (np.repeat(v[own], 8) for v in (discretization.youngs_modulus, discretization.poissons_ratio))
+    stiffest = np.zeros(int(np.prod(counts)))
+    np.maximum.at(stiffest, where, modulus)
+    stiffest = largest(comm, stiffest)
+    quantum = MOMENT_QUANTUM * _power_of_two(stiffest)
+    ratios = np.unique(discretization.materials.poissons_ratio)
+    moments = np.zeros((len(ratios) + 3, len(stiffest), 27), np.int64)
+    terms = modulus * gauss_volumes(positions[cells[own]]).reshape(-1)
+    for k, ratio in enumerate(ratios):
+        same = nu == ratio
+        _add_moments(moments[k], where[same], xi[same], terms[same], quantum)
 
     # a node belongs to its own grid cell or, where the body leaves that empty, to the one of a Gauss point beside it;
     # always taking the latter would make the grid's functions of a mirror-symmetric body unsymmetric
@@ -188,14 +197,17 @@ def make_grid(
         beside[cells[own[lowest_last], a]] = points[lowest_last, g]
     where, _ = _locate(beside[subdomain.owned_nodes], lower, h, counts)
     own_cell, _ = _locate(nodes.x[: nodes.n_owned], lower, h, counts)
-    where = np.where((sum_integers(comm, moments[:, 0, 0]) > 0)[own_cell], own_cell, where)
+    where = np.where((stiffest > 0.0)[own_cell], own_cell, where)
     xi = (nodes.x[: nodes.n_owned] - lower) / h - np.stack(np.unravel_index(where, counts), axis=1)
     for d in range(3):
         held = fixed[:, d]
-        _add_moments(moments[:, 1 + d], where[held], xi[held], np.ones(np.count_nonzero(held)))
+        weight = np.ones(np.count_nonzero(held))
+        _add_moments(moments[len(ratios) + d], where[held], xi[held], weight, np.full_like(quantum, MOMENT_QUANTUM))
 
-    moments = sum_integers(comm, moments) * MOMENT_QUANTUM
-    number, matrix = _stiffness(moments, h, counts, intact.elements.poissons_ratio, spring)
+    moments = sum_integers(comm, moments).astype(float)
+    moments[: len(ratios)] *= quantum[:, None]
+    moments[len(ratios) :] *= MOMENT_QUANTUM
+    number, matrix = _stiffness(moments, stiffest, h, counts, ratios, spring)
     index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
     free = np.linalg.qr((motions @ rigid_motions(lower + index * h)).T)[0]
     corners = np.ascontiguousarray(number[_cell_nodes(counts)[where]].astype(np.int32))
@@ -282,42 +294,60 @@ def _cell_nodes(counts) -> np.ndarray:
     )
 
 
-def _add_moments(moments: np.ndarray, where: np.ndarray, xi: np.ndarray, weight: np.ndarray) -> None:
-    """Add the rounded moments of weighted positions to their grid cells, shape (n_cells, 27)."""
+def _power_of_two(x: np.ndarray) -> np.ndarray:
+    """The next power of two from each number on; 1 for 0."""
+    mantissa, exponent = np.frexp(np.where(x > 0.0, x, 1.0))
+    return np.ldexp(1.0, exponent - (mantissa == 0.5))
+
+
+def _add_moments(moments: np.ndarray, where: np.ndarray, xi: np.ndarray, weight: np.ndarray, quantum) -> None:
+    """Add the moments of weighted positions to their grid cells, shape (n_cells, 27), in quanta of each cell."""
     powers = xi[:, :, None] ** np.arange(3)
     for m, (i, j, k) in enumerate(product(range(3), repeat=3)):
         terms = weight * powers[:, 0, i] * powers[:, 1, j] * powers[:, 2, k]
-        np.add.at(moments[:, m], where, np.rint(terms / MOMENT_QUANTUM).astype(np.int64))
+        np.add.at(moments[:, m], where, np.rint(terms / quantum[where]).astype(np.int64))
 
 
-def _stiffness(moments, h, counts, nu: float, spring: float) -> tuple[np.ndarray, sparse.csc_array]:
-    """Numbers of the grid nodes that touch the body (-1 elsewhere), and the stiffness of their unknowns."""
-    active = moments[:, 0, 0] > 0.0
+def _stiffness(moments, stiffest, h, counts, ratios, spring: float) -> tuple[np.ndarray, sparse.csc_array]:
+    """Numbers of the grid nodes that touch the body (-1 elsewhere), and the stiffness of their unknowns.
+
+    Parameters
+    ----------
+    moments : float64, shape (n_ratios + 3, n_cells, 27)
+        Of Young's modulus, for each of Poisson's ratios ``ratios``, and of the fixed x, y and z components.
+    stiffest : float64, shape (n_cells,)
+        Largest Young's modulus in each grid cell; a node is pinned in proportion to that around it.
+    """
+    active = (moments[: len(ratios), :, 0] > 0.0).any(axis=0)
     cells = _cell_nodes(counts)[active]
     number = np.full(int(np.prod(counts + 1)), -1)
     used = np.unique(cells)
     number[used] = np.arange(len(used))
 
-    lam, mu = (float(modulus[0]) for modulus in lame_moduli(np.ones(1), nu))
     stiffness = np.zeros((len(cells), 8, 3, 8, 3))
-    for a, b in product(range(3), repeat=2):
-        products = moments[active, 0] @ _moment_table((a, b)).reshape(27, 64) / (h[a] * h[b])
-        products = products.reshape(-1, 8, 8)
-        stiffness[:, :, a, :, b] += lam * products
-        stiffness[:, :, b, :, a] += mu * products
-        if a == b:
-            for c in range(3):
-                stiffness[:, :, c, :, c] += mu * products
+    for k, nu in enumerate(ratios):
+        lam, mu = (float(modulus[0]) for modulus in lame_moduli(np.ones(1), float(nu)))
+        for a, b in product(range(3), repeat=2):
+            products = moments[k, active] @ _moment_table((a, b)).reshape(27, 64) / (h[a] * h[b])
+            products = products.reshape(-1, 8, 8)
+            stiffness[:, :, a, :, b] += lam * products
+            stiffness[:, :, b, :, a] += mu * products
+            if a == b:
+                for c in range(3):
+                    stiffness[:, :, c, :, c] += mu * products
     for d in range(3):
-        held = moments[active, 1 + d] @ _moment_table((None, None)).reshape(27, 64)
+        held = moments[len(ratios) + d, active] @ _moment_table((None, None)).reshape(27, 64)
         stiffness[:, :, d, :, d] += spring * held.reshape(-1, 8, 8)
 
     dofs = (3 * number[cells][:, :, None] + np.arange(3)).reshape(-1, 24)
     rows = np.repeat(dofs, 24, axis=1).reshape(-1)
     columns = np.tile(dofs, (1, 24)).reshape(-1)
     matrix = sparse.coo_array((stiffness.reshape(-1), (rows, columns)), shape=(3 * len(used),) * 2).tocsc()
-    diagonal = matrix.diagonal()
-    return number, 0.5 * (matrix + matrix.T) + sparse.diags_array(PIN * np.maximum(diagonal, diagonal.mean()))
+    diagonal, around = matrix.diagonal(), np.zeros(len(used))
+    np.maximum.at(around, number[cells], stiffest[active][:, None])
+    around = np.repeat(around, 3)
+    pins = PIN * np.maximum(diagonal, around * (diagonal / around).mean())
+    return number, 0.5 * (matrix + matrix.T) + sparse.diags_array(pins)
 
 
 def _factorise(matrix, number: np.ndarray, counts: np.ndarray) -> Factor:

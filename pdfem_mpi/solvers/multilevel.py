@@ -40,8 +40,8 @@ class Preconditioner:
     of_points : PointBlocks or None
         What the inverse blocks of points are made from.
     fixed_points : bool, shape (n_free * 8, 3)
-    softest : float, dimension force / length
-        Limit of their inversion, that of the intact body.
+    softest : float64, shape (n_free * 8,), dimension force / length
+        Limits of their inversion, that of the intact body.
     blocks : float64, shape (n_triples, 6)
         Inverse blocks of free points, then of owned nodes.
     forces : Forces
@@ -60,7 +60,7 @@ class Preconditioner:
     model: Model
     of_points: PointBlocks | None
     fixed_points: np.ndarray
-    softest: float
+    softest: np.ndarray
     blocks: np.ndarray
     forces: Forces
     cells: np.ndarray
@@ -102,7 +102,7 @@ class Preconditioner:
         """Renew the blocks of points that lost bonds; nodes of the overlap keep theirs. Collective."""
         points = self.of_points.take_out(self.model, broken)
         points = points[points < len(self.fixed_points)]
-        self.blocks[points] = inverted(self.of_points.values(points), self.fixed_points[points], self.softest)
+        self.blocks[points] = inverted(self.of_points.values(points), self.fixed_points[points], self.softest[points])
 
     def _cycle(self, right: np.ndarray, quantum: float) -> np.ndarray:
         """One symmetric cycle for ``K x = right`` of the intact model, from 0."""
@@ -128,11 +128,12 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
     n = model.n_point_unknowns
     of_points = values = None
     blocks, around, held = [], np.empty((0, 8), np.int32), np.zeros((len(intact.nodes.number), 3), np.int64)
-    limit = 0.0
+    limit, modulus = np.empty(0), discretization.youngs_modulus
     if model.points:
         of_points = point_blocks(model)
         values = of_points.values()
-        limit = softest(model.comm, values)
+        owned = np.concatenate([model.subdomain.free, model.subdomain.overlap])
+        limit = softest(model.comm, values, np.repeat(modulus[owned], 8))[: n // 3]
         blocks.append(inverted(values[: n // 3], point_rows(case.fixed[:n]), limit))
         around = np.ascontiguousarray(local[cells[model.subdomain.free]])
         # the nodes around fixed points do not move either
@@ -141,15 +142,19 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
     own_nodes = np.empty(0, np.int32)
     if model.nodes:
         fixed_nodes = case.fixed[n:].reshape(-1, 3)
+        own = model.subdomain.owned_nodes
         of_nodes = node_blocks(model, values)
-        blocks.append(inverted(of_nodes, fixed_nodes, softest(model.comm, of_nodes)))
-        own_nodes = local[model.subdomain.owned_nodes]
+        stiffest = _stiffest_around(discretization, discretization.has_nodes)[own]
+        blocks.append(inverted(of_nodes, fixed_nodes, softest(model.comm, of_nodes, stiffest)))
+        own_nodes = local[own]
         held[own_nodes] += fixed_nodes
     intact.nodes.halo.scatter_reverse(held)
     fixed = held[: intact.nodes.n_owned] > 0
     of_cycle = node_blocks(intact, None)
+    stiffest = _stiffest_around(discretization, np.ones(len(cells), bool))[intact.subdomain.owned_nodes]
     spring = SPRING * float(largest(model.comm, np.array([of_cycle[:, :3].max(initial=0.0)]))[0])
-    cycle_forces, cycle_blocks = Forces(intact), inverted(of_cycle, fixed, softest(model.comm, of_cycle))
+    cycle_forces = Forces(intact)
+    cycle_blocks = inverted(of_cycle, fixed, softest(model.comm, of_cycle, stiffest))
     return Preconditioner(
         model=model,
         of_points=of_points,
@@ -162,6 +167,13 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
         fixed=fixed.reshape(-1),
         cycle_blocks=cycle_blocks,
         damping=damping(cycle_forces, cycle_blocks, fixed.reshape(-1)),
-        grid=make_grid(intact, discretization.nodes, cells, fixed, spring, case.free_motions),
+        grid=make_grid(intact, discretization, fixed, spring, case.free_motions),
     )
 
+
+def _stiffest_around(discretization: Discretization, chosen: np.ndarray) -> np.ndarray:
+    """Largest Young's modulus of the chosen cells at each node of the mesh; float64, shape (n_mesh_nodes,)."""
+    around = np.zeros(len(discretization.nodes))
+    for corner in discretization.mesh.cells[chosen].T:
+        np.maximum.at(around, corner, discretization.youngs_modulus[chosen])
+    return around

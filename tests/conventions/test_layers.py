@@ -13,7 +13,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "pdfem_mpi"
 LEVELS = (
     ("hex8", "launch"),
     ("kernels", "scene", "parallel.comm", "parallel.bisection"),
-    ("deck", "mesh", "parallel.halo"),
+    ("deck", "materials", "mesh", "parallel.halo"),
     ("discretization",),
     ("bonds", "subdomain"),
     ("damage",),

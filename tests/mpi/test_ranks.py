@@ -8,10 +8,10 @@ import pytest
 
 from helpers import assert_all
 from pdfem_mpi import model as model_module
-from pdfem_mpi.bonds import total_bonds
+from pdfem_mpi.bonds import count_by_material, total_bonds
 from pdfem_mpi.fields import fields_sha256, gather_fields
 from pdfem_mpi.parallel.comm import broadcast, mpi
-from pdfem_mpi.scene import BodyForce, Coupling, SceneError, Support
+from pdfem_mpi.scene import BodyForce, Coupling, Interface, Material, Region, SceneError, Support
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import follow_load_program, make_solver
@@ -20,6 +20,23 @@ from verification.bodies import build, make_scene
 pytestmark = pytest.mark.mpi(min_size=2)
 
 FEW = 12  # evaluations: the waves of both ends have met, bounds were fitted several times
+
+#: A stiff half-space, a soft ball, bonds of their own between them, and elements of another Poisson's ratio.
+MATERIALS = {
+    "materials": {
+        "stiff": Material(youngs_modulus=3e5),
+        "soft": Material(youngs_modulus=7.0),
+        "other": Material(youngs_modulus=2e3, poissons_ratio=0.4),
+    },
+    "interfaces": (Interface(between=("soft", "stiff"), youngs_modulus=100.0),),
+    "regions": (
+        Region(name="ball", model="peridynamics", material="soft", centre=(6.0, 1.5, 1.0), radius=1.2),
+        Region(name="other", model="finite_elements", material="other", upper=(2.0, 3.0, 2.0)),
+        Region(name="elements", model="finite_elements", lower=(2.0, 0.0, 0.0), upper=(4.0, 3.0, 2.0)),
+        Region(name="bonds", model="peridynamics", lower=(4.0, 0.0, 0.0), upper=(6.0, 3.0, 2.0)),
+        Region(name="stiff", model="peridynamics", material="stiff", lower=(6.0, 0.0, 0.0)),
+    ),
+}
 
 LARGE = 400.0  # force that strains the bar by several per cent: |e| beyond the limit of the series
 
@@ -36,6 +53,7 @@ SCENES |= {
     "elements of another poissons ratio": partial(make_scene, (5, 3, 1), 5, poissons_ratio=0.4),
     "coupled, reading A": partial(make_scene, (9, 3, 2), 4, coupling="paper_a"),
     "coupled, overlap 3": partial(make_scene, (9, 3, 2), 5, overlap=3, kinematics="finite"),
+    "four materials": partial(make_scene, (9, 3, 2), 4, **MATERIALS),
     "coupled plate of one cell": partial(make_scene, (6, 5, 1), 3),
     "large strain": partial(
         make_scene,
@@ -64,6 +82,7 @@ TO_EQUILIBRIUM = (
     ("coupled, linear, appendix_a", "cg"),
     ("coupled, finite, none", "cg"),
     ("peridynamics, finite, appendix_a", "cg"),
+    ("four materials", "cg"),
     ("elements", "adr"),
     ("elements", "cg"),
     ("supports", "cg"),
@@ -230,6 +249,13 @@ def test_each_bond_is_on_one_rank(comm):
     total = total_bonds(comm, model.bonds)
     assert_all(comm, model.bonds.count > 0, "a rank without bonds")
     assert_all(comm, total == alone, "bonds are lost or counted twice")
+
+
+def test_bonds_between_materials_do_not_depend_on_the_number_of_ranks(comm):
+    """Those across an interface may stand on either side of it, in either order of its materials."""
+    alone, model = (build(SCENES["four materials"](), c).model for c in (mpi().COMM_SELF, comm))
+    expected, found = count_by_material(alone.comm, alone.bonds), count_by_material(comm, model.bonds)
+    assert_all(comm, (found == expected).all() and found[1, 2] > 0, "bonds are lost or counted twice")
 
 
 def test_masses_do_not_depend_on_the_number_of_ranks(comm):

@@ -254,8 +254,8 @@ def test_misspelt_key_with_a_default():
 
 
 def test_misspelt_table():
-    message = only(text=SOUND.replace("[material]", "[materials]"))
-    assert message == "bar.toml: unknown table materials. Did you mean material?"
+    message = only(text=SOUND.replace("[material]", "[materiel]"))
+    assert message == "bar.toml: unknown table materiel. Did you mean material?"
 
 
 def test_key_in_the_wrong_table_is_sent_home():

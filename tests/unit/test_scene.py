@@ -269,7 +269,7 @@ def test_traction_has_face_or_set(place):
 
 def test_region_has_a_set_or_a_box():
     found = only_problem(lambda: Region(name="a", model="peridynamics", set="b", upper=(1.0, 1.0, 1.0)))
-    assert found.key == "set" and "Keep one of the two" in found.text
+    assert found.key == "set" and "Keep one of them" in found.text
 
 
 def test_sets_need_a_mesh_file():

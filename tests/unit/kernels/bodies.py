@@ -84,6 +84,7 @@ def part(whole: Body, owned=None, finite=True, factor=None, cutoff=CUTOFF, numbe
         n_free=len(owned),
         n_owned=len(owned),
         cell_number=number[cells],
+        material=np.zeros(len(cells), np.int16),
         x=layout(whole.x[point]),
         volume=whole.volume[point],
         halo=None,
@@ -91,21 +92,23 @@ def part(whole: Body, owned=None, finite=True, factor=None, cutoff=CUTOFF, numbe
     interior, boundary = find_bonds(points, cutoff, finite)
     added = np.zeros(len(point), np.int64)
     at_cluster = np.zeros(len(point) // W, np.int64)
-    count, strongest = 0, np.zeros(2)
+    counts, strongest = np.zeros((1, 1), np.int64), np.zeros(2)
     for rows in (interior, boundary):
         families.count_rows(rows.start, rows.offset, added, at_cluster)
-        count += families.fill_rows(
+        families.fill_rows(
             *rows.arrays,
             points.x,
             points.volume,
             NO_FACTOR if factor is None else layout(factor[point]),
-            RESPONSE_CONSTANT,
+            np.array([[RESPONSE_CONSTANT]]),
+            points.material,
             cutoff,
             finite,
             strongest,
+            counts,
         )
     bonds = Bonds(
-        interior, boundary, finite, cutoff, W * added, np.repeat(at_cluster, W), count, *strongest.tolist()
+        interior, boundary, finite, cutoff, W * added, np.repeat(at_cluster, W), counts, *strongest.tolist()
     )
     return Part(points, bonds, point)
 

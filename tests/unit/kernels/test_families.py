@@ -241,10 +241,13 @@ def test_filling_again_overwrites():
     rows.data[: 2 * W * (len(rows.offset) - 1)] = 7.0
     strongest = np.array([1e9, 0.0])
     factor = layout(correction(whole))
-    arguments = (share.points.x, share.points.volume, factor, RESPONSE_CONSTANT, CUTOFF, True, strongest)
-    count = families.fill_rows(*rows.arrays, *arguments)
-    assert count == share.bonds.count
+    constants, counts = np.array([[RESPONSE_CONSTANT]]), np.zeros((1, 1), np.int64)
+    points = share.points
+    arguments = (points.x, points.volume, factor, constants, points.material, CUTOFF, True, strongest, counts)
+    families.fill_rows(*rows.arrays, *arguments)
+    assert counts[0, 0] == share.bonds.count
     assert (rows.data == expected).all()
     assert strongest.tolist() == [1e9, share.bonds.stiffest]
-    assert families.fill_rows(*rows.arrays, *arguments[:2], NO_FACTOR, *arguments[3:]) == count
+    families.fill_rows(*rows.arrays, *arguments[:2], NO_FACTOR, *arguments[3:])
+    assert counts[0, 0] == 2 * share.bonds.count
     assert (rows.data != expected).any()

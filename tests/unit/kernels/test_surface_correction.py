@@ -109,7 +109,7 @@ def updated(integers, factor, volume, n_clusters=None, quantum=2.0**-30, target=
     before = T.copy()
     n_clusters = 3 if n_clusters is None else n_clusters
     worst = surface_correction.update_factors(
-        n_clusters, T.reshape(-1), T.view(np.int64).reshape(-1), volume, quantum, target
+        n_clusters, T.reshape(-1), T.view(np.int64).reshape(-1), volume, quantum, np.full(3, target)
     )
     assert (T.view(np.int64)[:, 3:] == before.view(np.int64)[:, 3:]).all()
     return T[:, 0:3], worst

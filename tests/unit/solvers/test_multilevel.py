@@ -115,7 +115,7 @@ def test_soft_and_fixed_directions_of_a_block_are_held():
     body = build(make_scene((2, 2, 2)))
     blocks = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0], [2.0, 4.0, 8.0, 0.0, 0.0, 0.0], [0.0] * 6])
     fixed = np.array([[False] * 3, [False, True, False], [False] * 3])
-    found = inverted(blocks, fixed, softest(body.model.comm, blocks))
+    found = inverted(blocks, fixed, softest(body.model.comm, blocks, np.ones(3)))
     expected = [[1.0, 0, 0, 0, 0, 0], [0.5, 0, 0.125, 0, 0, 0], [0.0] * 6]
     np.testing.assert_allclose(found, expected, atol=1e-15)
 
@@ -126,13 +126,14 @@ def test_grid_stiffness_gives_linear_fields_no_force_inside_and_the_right_energy
     intact = build_intact_elements(body.discretization, body.model)
     h = np.array([2.0, 2.0, 2.0])
     counts = np.array([4, 3, 2])
-    moments = np.zeros((24, 4, 27), np.int64)
+    moments = np.zeros((4, 24, 27), np.int64)
+    quantum = np.full(24, grid.MOMENT_QUANTUM)
     cells = body.discretization.mesh.cells
     corners = body.discretization.nodes[cells]
     lower = body.discretization.nodes.min(axis=0)
     where, xi = grid._locate(grid.gauss_positions(corners).reshape(-1, 3), lower, h, counts)
-    grid._add_moments(moments[:, 0], where, xi, grid.gauss_volumes(corners).reshape(-1))
-    number, matrix = grid._stiffness(moments * grid.MOMENT_QUANTUM, h, counts, 0.25, 0.0)
+    grid._add_moments(moments[0], where, xi, grid.gauss_volumes(corners).reshape(-1), quantum)
+    number, matrix = grid._stiffness(moments * grid.MOMENT_QUANTUM, np.ones(24), h, counts, [0.25], 0.0)
     index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
     x = lower + index * h
     gradient = np.array([[1.0, 0.2, 0.0], [0.2, -0.5, 0.3], [0.0, 0.3, 0.4]])
