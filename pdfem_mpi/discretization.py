@@ -20,6 +20,7 @@ from pdfem_mpi.mesh.defects import face_problems, find_defects
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.quality import Quality, measure
 from pdfem_mpi.mesh.reader import read_mesh
+from pdfem_mpi.mirrors import Mirrors, mirrors_at
 from pdfem_mpi.scene import FileMesh, PlateWithHoleMesh, Scene, SceneError, cutoff_problems, show
 
 #: A spacing of a deck may lie outside of the edges of the file's cells by this fraction.
@@ -67,6 +68,8 @@ class Discretization:
     cutoff : float
         Guarded cutoff radius in model units; 0 without peridynamics.
     poissons_ratio : float
+    mirrors : Mirrors
+        Mirror planes in model units.
     """
 
     mesh: HexMesh
@@ -81,6 +84,7 @@ class Discretization:
     node_number: np.ndarray
     cutoff: float
     poissons_ratio: float
+    mirrors: Mirrors
 
     @property
     def n_point_cells(self) -> int:
@@ -91,6 +95,11 @@ class Discretization:
     def n_nodes(self) -> int:
         """Number of nodes that carry unknowns."""
         return int(np.count_nonzero(self.node_number >= 0))
+
+    @property
+    def plane_components(self) -> np.ndarray:
+        """Displacement components of nodes that mirror planes hold; bool, shape (n_nodes, 3)."""
+        return self.mirrors.normal_components(self.nodes, self.mesh.tolerance / self.units.length)
 
     @property
     def has_nodes(self) -> np.ndarray:
@@ -108,7 +117,7 @@ def make_mesh(scene: Scene) -> HexMesh:
     """
     entry = scene.mesh
     if isinstance(entry, PlateWithHoleMesh):
-        return generators.plate_with_hole(entry.lower, entry.upper, entry.hole_radius, entry.spacing)
+        return generators.plate_with_hole(entry.lower, entry.upper, entry.hole_radius, entry.spacing, entry.symmetry)
     if not isinstance(entry, FileMesh):
         return generators.box(entry.lower, entry.upper, entry.n_cells)
     mesh, node_number = read_mesh(entry)
@@ -188,6 +197,7 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         node_number=_number(carries),
         cutoff=cutoff,
         poissons_ratio=scene.material.poissons_ratio,
+        mirrors=mirrors_at(scene.mesh.symmetry, *(np.array([mesh.lower, mesh.upper]) - units.origin) / length),
     )
 
 
