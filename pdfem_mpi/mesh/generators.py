@@ -64,11 +64,11 @@ def plate_with_hole(lower, upper, hole_radius, spacing, symmetry=()) -> HexMesh:
         Mirror planes: of a plate mirrored at ``x-``, ``x+``, ``y-`` or ``y+`` the part that is not an image is made,
         with the same nodes as the whole plate has there.
     """
-    lower, upper = np.asarray(lower, float), np.asarray(upper, float)
+    lower, upper = np.array(lower, float), np.array(upper, float)
     n_cells = np.rint((upper - lower) / spacing).astype(np.int64)
     kept_side = np.array([(f"{axis}-" in symmetry) - (f"{axis}+" in symmetry) for axis in "xy"])
     side = (upper - lower)[:2]
-    part = lower[:2].copy(), upper[:2].copy()
+    mirror = np.where(kept_side > 0, lower[:2], upper[:2])
     lower[:2] -= np.where(kept_side > 0, side, 0.0)
     upper[:2] += np.where(kept_side < 0, side, 0.0)
     n_cells[:2] *= 1 + np.abs(kept_side)
@@ -81,7 +81,7 @@ def plate_with_hole(lower, upper, hole_radius, spacing, symmetry=()) -> HexMesh:
         plane[place[:, 1 + d] == -n_cells[d], d] = lower[d]
         plane[place[:, 1 + d] == n_cells[d], d] = upper[d]
         if kept_side[d]:
-            plane[place[:, 1 + d] == 0, d] = part[kept_side[d] < 0][d]
+            plane[place[:, 1 + d] == 0, d] = mirror[d]
     plane, quads = _kept_part(plane, quads, place[:, 1:] * kept_side)
 
     t = np.arange(n_cells[2] + 1) / n_cells[2]
