@@ -1,6 +1,5 @@
 """Mirror planes in decks: what is refused and how it is said, what is told, and what memory is asked for."""
 
-import numpy as np
 import pytest
 
 from pdfem_mpi import memory

@@ -31,7 +31,7 @@ from pdfem_mpi.scene import (
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import follow_load_program, make_solver
-from verification.bodies import build
+from verification.bodies import build, run_deck
 
 SOLVED = 3e-12  # of the largest displacement: residuals of TOLERANCE, on bodies a few cells long
 RELAXED = 1e-7  # residuals of 1e-8
@@ -365,3 +365,24 @@ def test_bonds_of_the_parts_are_those_of_the_whole_body():
         own += np.count_nonzero(np.linalg.norm(np.array(sign) * x, axis=1) <= 2.5)
     assert own > 0
     assert whole.bonds.count == 8 * part.bonds.count - 4 * own
+
+
+@pytest.mark.slow
+def test_the_quarter_deck_is_a_quarter_of_the_plate(tmp_path):
+    """jobs/plate_quarter.toml, and an eighth by its own remark, against jobs/plate_coupled.toml on coarse cells."""
+    coarse = ("mesh.spacing=0.1", "solver.tolerance=1e-11")
+    top = "probes=[{kind='displacement', name='right_end', point=[4.5, 0.0, 0.0]}, {kind='displacement', " + (
+        "name='bottom_of_hole', point=[0.0, -0.4, 0.0]}]"
+    )
+    whole = run_deck("plate_coupled.toml", tmp_path / "whole", *coarse, top)
+    quarter = run_deck("plate_quarter.toml", tmp_path / "quarter", *coarse)
+    eighth = ('mesh.symmetry=["x-", "y+", "z-"]', "mesh.lower=[0.0, -1.5, 0.0]")
+    eighth = run_deck("plate_quarter.toml", tmp_path / "eighth", *coarse, *eighth)
+    assert quarter["mesh"]["symmetry"] == ["x-", "y+"]
+    for part, n in ((quarter, 4), (eighth, 8)):
+        assert part["counts"]["points"] * n == whole["counts"]["points"]
+        assert 1.0 <= part["counts"]["undirected_bonds"] * n / whole["counts"]["undirected_bonds"] < 1.01
+        assert part["solve"]["evaluations"] == whole["solve"]["evaluations"]
+        for name in ("right_end", "bottom_of_hole"):
+            expected = np.array(whole["probes"][name])
+            assert np.abs(np.array(part["probes"][name]) - expected).max() <= 10 * SOLVED * np.abs(expected).max()
