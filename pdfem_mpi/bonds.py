@@ -41,6 +41,8 @@ class Points:
         Exchange of blocks of one cell whose rows are components of vectors (`images.halo_for` for others).
     images : Images or None
         None without mirror planes.
+    n_numbers : int
+        Cells with points in the whole mesh; needed with images.
     """
 
     n_free: int
@@ -50,6 +52,15 @@ class Points:
     volume: np.ndarray
     halo: Halo | MirroredHalo
     images: Images | None = None
+    n_numbers: int = 0
+
+    @property
+    def cell_key(self) -> np.ndarray:
+        """What tells a cell and its images apart on all ranks: its number, which rises with each image; int64."""
+        key = self.cell_number.copy()
+        if self.images:
+            key[len(key) - len(self.images.reflection) :] += self.n_numbers * self.images.reflection
+        return key
 
     @property
     def n_clusters(self) -> int:

@@ -11,6 +11,7 @@ not depend on the deck's units, and a body far from the origin loses nothing aft
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -100,6 +101,13 @@ class Discretization:
     def plane_components(self) -> np.ndarray:
         """Displacement components of nodes that mirror planes hold; bool, shape (n_nodes, 3)."""
         return self.mirrors.normal_components(self.nodes, self.mesh.tolerance / self.units.length)
+
+    @cached_property
+    def reflections(self) -> tuple[np.ndarray, np.ndarray]:
+        """Signs and shifts, both (n, 3), of reflections that bring an image within the cutoff radius of the body."""
+        body = np.array([self.nodes.min(axis=0), self.nodes.max(axis=0)])
+        reach = self.cutoff + 2.0 * self.mesh.largest_edge / self.units.length  # and the size of cells
+        return self.mirrors.reflections(body, body + np.array([[-reach], [reach]]))
 
     @property
     def has_nodes(self) -> np.ndarray:

@@ -29,12 +29,15 @@ class Images:
     ----------
     source : int64, shape (n_images,)
         Local index of the owned cell or ghost that each is an image of.
+    reflection : int64, shape (n_images,)
+        Number of the reflection, from 1, the same on all ranks.
     sign : float64, shape (n_images, 3)
         ``x = sign x_source + shift``; 1 or -1.
     shift : float64, shape (n_images, 3), dimension length
     """
 
     source: np.ndarray
+    reflection: np.ndarray
     sign: np.ndarray
     shift: np.ndarray
 

@@ -136,11 +136,16 @@ def _count_bonds(discretization: Discretization, cells: np.ndarray) -> tuple[flo
     centroids = (mesh.centroids - discretization.units.origin) / discretization.units.length
     half_edges = 0.5 * mesh.largest_edge / discretization.units.length * math.sqrt(3.0)
     reach = discretization.cutoff + 2.0 * half_edges
-    images, sign, shift = near_images(discretization, centroids[with_points], centroids[cells], 2.0 * half_edges)
+    index, reflection, images = near_images(
+        discretization, centroids[with_points], centroids[cells], 2.0 * half_edges
+    )
+    tree = cKDTree(np.concatenate([centroids[with_points], images]))
     n_real = len(with_points)
-    with_points = np.concatenate([with_points, with_points[images]])
-    sign, shift = np.concatenate([np.ones((n_real, 3)), sign]), np.concatenate([np.zeros((n_real, 3)), shift])
-    tree = cKDTree(sign * centroids[with_points] + shift)
+    with_points = np.concatenate([with_points, with_points[index]])
+    sign, shift = (
+        np.concatenate([np.full((n_real, 3), same), rows[reflection - 1]])
+        for same, rows in zip((1.0, 0.0), discretization.reflections, strict=True)
+    )
     near = tree.query_ball_point(centroids[sample], reach)
     rows = bonds = 0
     for cell, found in zip(sample, near, strict=True):

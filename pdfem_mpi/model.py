@@ -302,7 +302,8 @@ def _make_points(discretization: Discretization, subdomain: Subdomain, comm) -> 
     if discretization.mirrors:
         local = np.full(len(number), -1)
         local[cells] = np.arange(len(cells))
-        images = Images(local[subdomain.images], subdomain.image_sign, subdomain.image_shift)
+        sign, shift = (rows[subdomain.reflection - 1] for rows in discretization.reflections)
+        images = Images(local[subdomain.images], subdomain.reflection, sign, shift)
         halo = MirroredHalo(halo, images)
         x = np.concatenate([x, images.sign[:, None] * x[images.source] + images.shift[:, None]])
         volume = np.concatenate([volume, volume[images.source]])
@@ -315,6 +316,7 @@ def _make_points(discretization: Discretization, subdomain: Subdomain, comm) -> 
         volume=volume.reshape(-1),
         halo=halo,
         images=images,
+        n_numbers=discretization.n_point_cells,
     )
 
 

@@ -32,8 +32,8 @@ class Subdomain:
     ghost_owner : int32, shape (n_ghosts,)
     images : int64
         Owned cells and ghosts whose mirror images lie within the cutoff radius; a cell may have several.
-    image_sign, image_shift : float64, shape (n_images, 3)
-        The image of x is ``sign x + shift``, model units.
+    reflection : int64, shape (n_images,)
+        Number, from 1, of the reflection among `Discretization.reflections`.
     elements : int64
         Owned cells whose elements have an internal force.
     owned_nodes, ghost_nodes : int64
@@ -46,8 +46,7 @@ class Subdomain:
     ghosts: np.ndarray
     ghost_owner: np.ndarray
     images: np.ndarray
-    image_sign: np.ndarray
-    image_shift: np.ndarray
+    reflection: np.ndarray
     elements: np.ndarray
     owned_nodes: np.ndarray
     ghost_nodes: np.ndarray
@@ -76,8 +75,8 @@ def partition(discretization: Discretization, n_parts: int) -> np.ndarray:
     weights[discretization.has_nodes] += ELEMENT_COST
     if discretization.has_points.any() and n_parts > 1:
         chosen = centroids[discretization.has_points]
-        images, sign, shift = near_images(discretization, chosen, chosen)
-        tree = cKDTree(np.concatenate([chosen, sign * chosen[images] + shift]))
+        _, _, images = near_images(discretization, chosen, chosen)
+        tree = cKDTree(np.concatenate([chosen, images]))
         counts = tree.query_ball_point(chosen, discretization.cutoff, return_length=True)
         weights[discretization.has_points] += NEIGHBOUR_COST * counts.astype(np.int64)
     return bisect(centroids, weights, n_parts)
@@ -91,7 +90,7 @@ def cut_out(discretization: Discretization, owner: np.ndarray, rank: int) -> Sub
     free = order[(mine & discretization.has_points & ~discretization.is_overlap)[order]]
     overlap = order[(mine & discretization.is_overlap)[order]]
     ghosts = _ghost_cells(discretization, owner, rank, order)
-    images, image_sign, image_shift = _image_cells(discretization, np.concatenate([free, overlap]), ghosts)
+    images, reflection = _image_cells(discretization, np.concatenate([free, overlap]), ghosts)
 
     owner_of_node = np.full(len(mesh.nodes), -1, np.int32)
     carriers = np.flatnonzero(discretization.has_nodes)[::-1]
@@ -109,8 +108,7 @@ def cut_out(discretization: Discretization, owner: np.ndarray, rank: int) -> Sub
         ghosts=ghosts,
         ghost_owner=owner[ghosts],
         images=images,
-        image_sign=image_sign,
-        image_shift=image_shift,
+        reflection=reflection,
         elements=order[(mine & discretization.has_stiffness)[order]],
         owned_nodes=owned_nodes,
         ghost_nodes=ghost_nodes,
@@ -144,16 +142,16 @@ def _ghost_cells(discretization, owner, rank, order) -> np.ndarray:
     return order[chosen[order]]
 
 
-def _image_cells(discretization, owned, ghosts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cells with a mirror image within the cutoff radius of an owned cell, or nearly so, and where it is."""
+def _image_cells(discretization, owned, ghosts) -> tuple[np.ndarray, np.ndarray]:
+    """Cells with a mirror image within the cutoff radius of an owned cell, or nearly so, and the reflections."""
     if not discretization.mirrors or not len(owned):
-        return np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3))
+        return np.empty(0, np.int64), np.empty(0, np.int64)
     centre, radius = _cell_balls(discretization)
     cells = np.concatenate([owned, ghosts])
-    near, sign, shift = near_images(discretization, centre[cells], centre[owned], 2.0 * radius.max())
-    distance, _ = cKDTree(centre[owned]).query(sign * centre[cells[near]] + shift)
+    near, reflection, images = near_images(discretization, centre[cells], centre[owned], 2.0 * radius.max())
+    distance, _ = cKDTree(centre[owned]).query(images)
     keep = distance <= discretization.cutoff + radius[cells[near]] + radius[owned].max()
-    return cells[near][keep], sign[keep], shift[keep]
+    return cells[near][keep], reflection[keep]
 
 
 def near_images(discretization, x, target, margin=0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -167,16 +165,18 @@ def near_images(discretization, x, target, margin=0.0) -> tuple[np.ndarray, np.n
     Returns
     -------
     index : int64, shape (n_images,)
-        Of the positions; an image is ``sign x[index] + shift``. Reflection by reflection, each in the positions' order.
-    sign, shift : float64, shape (n_images, 3)
+        Of the positions; reflection by reflection, each in the positions' order.
+    reflection : int64, shape (n_images,)
+        Number, from 1.
+    image : float64, shape (n_images, 3), dimension length
     """
     reach = discretization.cutoff + margin
-    box = np.array([target.min(axis=0) - reach, target.max(axis=0) + reach])
-    found = [(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3)))]
-    for sign, shift in zip(*discretization.mirrors.reflections((x.min(axis=0), x.max(axis=0)), box), strict=True):
+    low, high = target.min(axis=0) - reach, target.max(axis=0) + reach
+    found = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3)))]
+    for number, (sign, shift) in enumerate(zip(*discretization.reflections, strict=True), start=1):
         image = sign * x + shift
-        index = np.flatnonzero(((image >= box[0]) & (image <= box[1])).all(axis=1))
-        found.append((index, np.tile(sign, (len(index), 1)), np.tile(shift, (len(index), 1))))
+        index = np.flatnonzero(((image >= low) & (image <= high)).all(axis=1))
+        found.append((index, np.full(len(index), number), image[index]))
     return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
 

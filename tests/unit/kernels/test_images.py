@@ -16,7 +16,7 @@ W = 4
 def some_images():
     """Of 3 cells: one mirrored in x, one in y and z, one in all."""
     sign = np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, -1.0, -1.0]])
-    return Images(np.array([2, 0, 2]), sign, np.zeros((3, 3)))
+    return Images(np.array([2, 0, 2]), np.array([1, 2, 3]), sign, np.zeros((3, 3)))
 
 
 @pytest.mark.parametrize(
