@@ -16,6 +16,7 @@ from pdfem_mpi.parallel.halo import Halo
 #: What travels, component by component: the axes whose reflection changes its sign.
 VECTOR = ((0,), (1,), (2,))
 MAGNITUDES = ((), (), ())
+SCALAR = ((),)
 MIXED_PRODUCTS = ((0, 1), (1, 2), (2, 0))
 #: Any of these.
 Parity = tuple[tuple[int, ...], ...]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.failure import make_failure
-from pdfem_mpi.fields import point_positions
-from pdfem_mpi.scene import BoxMesh, Crack, Events, Material, Peridynamics, Region, Scene, Solver, Support
+from pdfem_mpi.fields import gather_damage, point_positions
+from pdfem_mpi.scene import BoxMesh, Crack, Events, Material, Output, Peridynamics, Region, Scene, Solver, Support
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from verification.bodies import build
 
@@ -87,6 +87,19 @@ def test_events_are_those_of_the_whole_body(whole, faces):
         assert n / 2 * row.reaction == pytest.approx(other.reaction, rel=10 * EQUILIBRIA)
     assert broken_bonds(body, failure) == broken_bonds(whole[0], of_whole)
     assert of_whole.count / n <= failure.count <= of_whole.count
+
+
+@pytest.mark.parametrize("faces", [("x-", "y-", "z-"), ("y-",)], ids="".join)
+def test_local_damage_is_that_of_the_whole_body(faces):
+    """Eq. (5) beside the crack: bonds to images count, that of a point to its own image once."""
+    damage = {}
+    for chosen in ((), faces):
+        body = build(notched(chosen).model_copy(update={"output": Output(damage=True)}), loaded=False)
+        by_id = gather_damage(body.discretization, body.model)
+        places = np.round(point_positions(body.discretization), 6) + 0.0
+        damage[chosen] = dict(zip(map(tuple, places.tolist()), by_id.tolist(), strict=True))
+    assert all(value == pytest.approx(damage[()][place], abs=1e-9) for place, value in damage[faces].items())
+    assert max(damage[faces].values()) > 0.3
 
 
 def test_broken_bonds_to_images_are_restored_from_the_books():
