@@ -176,6 +176,7 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
     """
     mesh = make_mesh(scene) if mesh is None else mesh
     quality = measure(mesh)
+    _check_mirrors(scene, mesh)
     region = _assign_regions(scene, mesh)
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
     is_overlap = _find_overlap(scene, mesh, peridynamic)
@@ -207,6 +208,19 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         poissons_ratio=scene.material.poissons_ratio,
         mirrors=mirrors_at(scene.mesh.symmetry, *(np.array([mesh.lower, mesh.upper]) - units.origin) / length),
     )
+
+
+def _check_mirrors(scene: Scene, mesh: HexMesh) -> None:
+    """A body that does not reach a mirror plane with a face of a cell would not be joined to its mirror image."""
+    apart = [face for face in scene.mesh.symmetry if not len(mesh.faces_on_face(face)[0])]
+    if apart:
+        raise SceneError(
+            [
+                f"mesh.symmetry names {face}, and no cell has a face on that side of the mesh, which lies in "
+                f"{_span(mesh.nodes)}. Let the mesh end in the mirror plane, or remove it."
+                for face in apart
+            ]
+        )
 
 
 def _cell_edge(scene: Scene, mesh: HexMesh) -> float:

@@ -1,12 +1,15 @@
 """Mirror planes in decks: what is refused and how it is said, what is told, and what memory is asked for."""
 
+import numpy as np
 import pytest
 
+from pdfem_mpi import discretization as discretization_module
 from pdfem_mpi import memory
 from pdfem_mpi import subdomain as subdomain_module
 from pdfem_mpi.deck import DeckError, parse_deck
 from pdfem_mpi.discretization import discretize
 from pdfem_mpi.loading import make_load_case
+from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import build_model
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run import check_scene
@@ -109,6 +112,19 @@ def test_a_region_on_the_other_side_of_a_plane_is_empty():
     other = Region(name="other", model="peridynamics", upper=(0.0, 2.0, 2.0))
     with pytest.raises(SceneError, match=r"regions.other contains no cell"):
         discretize(scene.model_copy(update={"regions": (*scene.regions, other)}))
+
+
+def test_a_mesh_that_touches_a_plane_with_an_edge_only_is_refused(monkeypatch):
+    """Cells turned by 45 degrees about z: no face on x-, faces on z-."""
+    scene = make_scene((2, 2, 2), 2, symmetry=("x-", "z-"), loads=())
+    mesh = discretization_module.make_mesh(scene.mesh)
+    x, y, z = mesh.nodes.T
+    turned = HexMesh(np.column_stack([x - y, x + y, z]), mesh.cells)
+    monkeypatch.setattr(discretization_module, "make_mesh", lambda mesh: turned)
+    with pytest.raises(SceneError) as caught:
+        discretize(scene)
+    (message,) = caught.value.messages
+    assert message.startswith("mesh.symmetry names x-, and no cell has a face on that side of the mesh")
 
 
 @pytest.mark.parametrize("faces", [("y-",), ("x-", "y-", "z-"), ("z-", "z+")], ids="".join)
