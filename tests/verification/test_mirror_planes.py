@@ -275,7 +275,9 @@ CRACKS = {
 }
 
 
-@pytest.mark.parametrize("name", CRACKS)
+@pytest.mark.parametrize(
+    "name", ["on the plane", "inclined", pytest.param("beyond the plane", marks=pytest.mark.slow)]
+)
 def test_cracks_are_mirrored_too(name):
     """The whole body has the crack and its mirror images: the same bonds are cut, also across the plane."""
     corners = np.array(CRACKS[name])
@@ -337,8 +339,10 @@ def test_a_quarter_of_the_plate_moves_as_the_whole_plate():
     assert on_plane[1][0] == 0.0 and np.abs(on_plane[0] - on_plane[1]).max() <= 10 * SOLVED * size
 
 
-@pytest.mark.parametrize("faces", [("x-",), ("y-", "z-"), ("x-", "y-", "z-")], ids="".join)
-@pytest.mark.parametrize("model", ["peridynamics", "elements"])
+@pytest.mark.parametrize(
+    ("model", "faces"),
+    [("peridynamics", EIGHTH), *(pytest.param("elements", f, marks=pytest.mark.slow) for f in (HALF, ("y-", "z-")))],
+)
 def test_bar_probes_read_the_same_of_a_part(model, faces):
     """Displacements and strains of the layers of the modelled part."""
     probe = BarProbe(kind="bar", axis="x", stress=5.0)

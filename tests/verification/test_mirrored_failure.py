@@ -11,6 +11,7 @@ import pytest
 from pdfem_mpi.failure import make_failure
 from pdfem_mpi.fields import gather_damage, point_positions
 from pdfem_mpi.scene import BoxMesh, Crack, Events, Material, Output, Peridynamics, Region, Scene, Solver, Support
+from pdfem_mpi.solvers.blocks import point_blocks
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from verification.bodies import build
 
@@ -87,6 +88,19 @@ def test_events_are_those_of_the_whole_body(whole, faces):
         assert n / 2 * row.reaction == pytest.approx(other.reaction, rel=10 * EQUILIBRIA)
     assert broken_bonds(body, failure) == broken_bonds(whole[0], of_whole)
     assert of_whole.count / n <= failure.count <= of_whole.count
+
+
+def test_blocks_of_points_lose_the_bonds_that_broke():
+    """3x3 blocks of the preconditioner, renewed for broken bonds to images, against a new sum over what is left."""
+    body = build(notched(("x-", "y-", "z-")))
+    failure, u = make_failure(body.scene, body.discretization, body.model), body.state.u
+    blocks = point_blocks(body.model)
+    before = blocks.sums.copy()
+    u[:] = body.of_positions(lambda x: 0.05 * np.sin(x + x[:, [1, 2, 0]]))
+    body.forces.evaluate_surely(u, np.zeros_like(u), np.empty_like(u), failure)
+    assert failure.close(body.model) > 1000
+    blocks.take_out(body.model, failure.take())
+    assert (blocks.sums == point_blocks(body.model).sums).all() and (blocks.sums != before).any()
 
 
 @pytest.mark.parametrize("faces", [("x-", "y-", "z-"), ("y-",)], ids="".join)
