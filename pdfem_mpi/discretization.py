@@ -17,7 +17,7 @@ import numpy as np
 
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.mesh import generators, named_sets
-from pdfem_mpi.mesh.defects import face_problems, find_defects
+from pdfem_mpi.mesh.defects import face_problems, find_defects, mirror_problems
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.quality import Quality, measure
 from pdfem_mpi.mesh.reader import read_mesh
@@ -130,6 +130,8 @@ def make_mesh(scene: Scene) -> HexMesh:
         return generators.box(entry.lower, entry.upper, entry.n_cells)
     mesh, node_number = read_mesh(entry)
     messages = find_defects(mesh, node_number) + _spacing_problems(scene, mesh)
+    for face in entry.symmetry:
+        messages += mirror_problems(mesh, face)
     for table, entries in (("loads", scene.loads), ("supports", scene.supports)):
         for index, item in enumerate(entries):
             if item.set is not None:
@@ -176,7 +178,6 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
     """
     mesh = make_mesh(scene) if mesh is None else mesh
     quality = measure(mesh)
-    _check_mirrors(scene, mesh)
     region = _assign_regions(scene, mesh)
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
     is_overlap = _find_overlap(scene, mesh, peridynamic)
@@ -208,19 +209,6 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         poissons_ratio=scene.material.poissons_ratio,
         mirrors=mirrors_at(scene.mesh.symmetry, *(np.array([mesh.lower, mesh.upper]) - units.origin) / length),
     )
-
-
-def _check_mirrors(scene: Scene, mesh: HexMesh) -> None:
-    """A body that does not reach a mirror plane with a face of a cell would not be joined to its mirror image."""
-    apart = [face for face in scene.mesh.symmetry if not len(mesh.faces_on_face(face)[0])]
-    if apart:
-        raise SceneError(
-            [
-                f"mesh.symmetry names {face}, and no cell has a face on that side of the mesh, which lies in "
-                f"{_span(mesh.nodes)}. Let the mesh end in the mirror plane, or remove it."
-                for face in apart
-            ]
-        )
 
 
 def _cell_edge(scene: Scene, mesh: HexMesh) -> float:

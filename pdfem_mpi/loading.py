@@ -329,6 +329,14 @@ def _traction(discretization: Discretization, load: Traction, where: str) -> np.
                 f'gives no force (sec. 2.2). Use kind = "body_force" with {key} = "{name}".'
             ]
         )
+    mirrored = discretization.plane_components[faces].all(axis=1).any(axis=1)
+    if mirrored.any():
+        raise SceneError(
+            [
+                f"{where}.{key} = {name} has {np.count_nonzero(mirrored)} of {len(faces)} faces on a mirror plane "
+                "(mesh.symmetry), which lies inside of the whole body. Pull elsewhere, or remove the mirror."
+            ]
+        )
     corners = discretization.nodes[faces]
     areas = np.zeros(len(faces))
     nodal = np.zeros((len(discretization.nodes), 3))

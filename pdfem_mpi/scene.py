@@ -266,7 +266,7 @@ class PlateWithHoleMesh(_CubicCells):
         return []
 
 
-class FileMesh(Table):
+class FileMesh(_Modelled):
     """Hexahedra from a mesh file; ``[mesh]`` with ``kind = "file"``. See docs/meshes.md.
 
     Attributes
@@ -277,6 +277,8 @@ class FileMesh(Table):
         What the defaults of [peridynamics] are made of. None (default): the mean edge of the cells.
     scale : float, > 0, dimension 1
         Multiplies the file's coordinates, to have them in the deck's unit of length.
+    symmetry : faces "x-", "x+", "y-", "y+", "z-", "z+"
+        Faces of the mesh's bounding box that are mirror planes; the mesh is then the part of the body between them.
     """
 
     kind: Literal["file"] = key("file")
@@ -286,10 +288,11 @@ class FileMesh(Table):
 
     def problems(self) -> list[Problem]:
         """A suffix that tells the format."""
+        problems = self._symmetry_problems()
         if self.path.lower().endswith(MESH_SUFFIXES):
-            return []
+            return problems
         remedy = f"Give a file that ends in one of {', '.join(MESH_SUFFIXES)}."
-        return [Problem("path", f"= {show(self.path)} has a suffix of no known mesh format. {remedy}")]
+        return [*problems, Problem("path", f"= {show(self.path)} has a suffix of no known mesh format. {remedy}")]
 
 
 def _box_by_default(value: Any) -> Any:

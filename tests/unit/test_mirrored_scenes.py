@@ -2,18 +2,18 @@
 
 import numpy as np
 import pytest
+from mesh_files import write_mesh
 
-from pdfem_mpi import discretization as discretization_module
 from pdfem_mpi import memory
 from pdfem_mpi import subdomain as subdomain_module
 from pdfem_mpi.deck import DeckError, parse_deck
-from pdfem_mpi.discretization import discretize
+from pdfem_mpi.discretization import discretize, make_mesh
 from pdfem_mpi.loading import make_load_case
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import build_model
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run import check_scene
-from pdfem_mpi.scene import Region, SceneError, Support
+from pdfem_mpi.scene import FileMesh, Region, SceneError, Support, Traction
 from pdfem_mpi.subdomain import cut_out, partition
 from verification.bodies import build, make_scene
 
@@ -114,17 +114,47 @@ def test_a_region_on_the_other_side_of_a_plane_is_empty():
         discretize(scene.model_copy(update={"regions": (*scene.regions, other)}))
 
 
-def test_a_mesh_that_touches_a_plane_with_an_edge_only_is_refused(monkeypatch):
-    """Cells turned by 45 degrees about z: no face on x-, faces on z-."""
-    scene = make_scene((2, 2, 2), 2, symmetry=("x-", "z-"), loads=())
-    mesh = discretization_module.make_mesh(scene.mesh)
+def file_scene(tmp_path, mesh, faces, **more):
+    """A scene of finite elements on a mesh that is written to a file; its x- and x+ ends are sets of faces."""
+    ends = {name: mesh.faces_on_face(face)[1] for name, face in (("left", "x-"), ("right", "x+"))}
+    write_mesh(tmp_path / "part.msh", mesh, {"body": np.arange(len(mesh.cells))}, ends)
+    entry = FileMesh(path=str(tmp_path / "part.msh"), symmetry=faces)
+    regions = (Region(name="all", model="finite_elements"),)
+    return make_scene((1, 1, 1), regions=regions, mesh=entry, **more)
+
+
+def pull(name):
+    return Traction(kind="traction", set=name, traction=(1.0, 0.0, 0.0))
+
+
+def test_a_mesh_file_can_be_a_part(tmp_path):
+    """The rollers and external forces of the same cells from a generator."""
+    scene = make_scene((4, 2, 2), 4, symmetry=("x-", "z-"), loads=())
+    box, loads = make_mesh(scene), (pull("right"),)
+    other = build(file_scene(tmp_path, box, ("x-", "z-"), loads=loads)).case
+    pulled = Traction(kind="traction", face="x+", traction=(1.0, 0.0, 0.0))
+    case = build(scene.model_copy(update={"loads": (pulled,)})).case
+    assert case.fixed.sum() == other.fixed.sum() == 9 + 15
+    assert np.sort(case.external).tolist() == pytest.approx(np.sort(other.external).tolist())
+
+
+def test_mesh_files_that_do_not_end_in_a_plane_are_refused(tmp_path):
+    """Cells turned by 45 degrees about z touch x- with an edge; nodes a little off z-; both are told at once."""
+    mesh = make_mesh(make_scene((2, 2, 2), 2))
     x, y, z = mesh.nodes.T
-    turned = HexMesh(np.column_stack([x - y, x + y, z]), mesh.cells)
-    monkeypatch.setattr(discretization_module, "make_mesh", lambda mesh: turned)
+    turned = np.column_stack([x - y, x + y, z])
+    turned[np.flatnonzero(z == 0.0)[2:5], 2] += 1e-4
     with pytest.raises(SceneError) as caught:
-        discretize(scene)
-    (message,) = caught.value.messages
-    assert message.startswith("mesh.symmetry names x-, and no cell has a face on that side of the mesh")
+        discretize(file_scene(tmp_path, HexMesh(turned, mesh.cells), ("x-", "z-"), loads=()))
+    edge, nearly = caught.value.messages
+    assert edge.startswith("mesh.symmetry: no face of a cell lies on the mirror plane x- at x = -2.")
+    assert nearly.startswith("mesh.symmetry: 3 nodes lie nearly on the mirror plane z- at z = 0, the first at (")
+
+
+def test_a_set_on_a_mirror_plane_is_not_pulled(tmp_path):
+    mesh = make_mesh(make_scene((2, 2, 2), 2))
+    with pytest.raises(SceneError, match=r"loads.0.set = left has 4 of 4 faces on a mirror plane"):
+        build(file_scene(tmp_path, mesh, ("x-",), loads=(pull("left"), pull("right"))))
 
 
 @pytest.mark.parametrize("faces", [("y-",), ("x-", "y-", "z-"), ("z-", "z+")], ids="".join)

@@ -309,7 +309,7 @@ def plate(faces=(), model="peridynamics", n=1):
 @pytest.mark.parametrize("faces", [("x-",), ("x+", "y-"), ("x-", "y+", "z-")], ids="".join)
 def test_a_part_of_the_plate_has_the_nodes_of_the_whole_plate(faces):
     """Same cells, those on the modelled side, and nodes on the planes exactly."""
-    whole, part = make_mesh(plate().mesh), make_mesh(plate(faces).mesh)
+    whole, part = make_mesh(plate()), make_mesh(plate(faces))
     distance, index = cKDTree(whole.nodes).query(part.nodes)
     assert distance.max() < 1e-12
     assert len(part.cells) * 2 ** len(faces) == len(whole.cells)
