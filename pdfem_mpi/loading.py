@@ -329,7 +329,9 @@ def _traction(discretization: Discretization, load: Traction, where: str) -> np.
                 f'gives no force (sec. 2.2). Use kind = "body_force" with {key} = "{name}".'
             ]
         )
-    mirrored = discretization.plane_components[faces].all(axis=1).any(axis=1)
+    corners = discretization.nodes[faces]
+    flat = np.ptp(corners, axis=1) <= discretization.mesh.tolerance / discretization.units.length
+    mirrored = (flat & discretization.plane_components[faces].all(axis=1)).any(axis=1)
     if mirrored.any():
         raise SceneError(
             [
@@ -337,7 +339,6 @@ def _traction(discretization: Discretization, load: Traction, where: str) -> np.
                 "(mesh.symmetry), which lies inside of the whole body. Pull elsewhere, or remove the mirror."
             ]
         )
-    corners = discretization.nodes[faces]
     areas = np.zeros(len(faces))
     nodal = np.zeros((len(discretization.nodes), 3))
     shares = np.zeros((len(faces), 4))

@@ -138,6 +138,12 @@ def test_a_mesh_file_can_be_a_part(tmp_path):
     assert np.sort(case.external).tolist() == pytest.approx(np.sort(other.external).tolist())
 
 
+def test_the_end_of_a_slab_between_two_mirrors_can_be_pulled():
+    """All nodes of its faces lie on one plane or the other; the faces do not."""
+    scene = make_scene((4, 2, 1), 4, symmetry=("z-", "z+"))
+    assert np.abs(build(scene).case.external).sum() == pytest.approx(2.0 / 1000.0)
+
+
 def test_mesh_files_that_do_not_end_in_a_plane_are_refused(tmp_path):
     """Cells turned by 45 degrees about z touch x- with an edge; nodes a little off z-; both are told at once."""
     mesh = make_mesh(make_scene((2, 2, 2), 2))

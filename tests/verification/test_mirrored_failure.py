@@ -90,6 +90,19 @@ def test_events_are_those_of_the_whole_body(whole, faces):
     assert of_whole.count / n <= failure.count <= of_whole.count
 
 
+def test_images_fail_like_their_cells():
+    """Critical stretches go by regions; those of images are those of their cells."""
+    cells = (
+        Region(name="left", model="peridynamics", upper=(1.0, 9.0, 9.0)),
+        Region(name="right", model="peridynamics", lower=(1.0, -9.0, -9.0), may_fail=False),
+    )
+    body = build(notched(("x-", "y-", "z-")).model_copy(update={"regions": cells}), loaded=False)
+    images = body.model.points.images
+    classes = make_failure(body.scene, body.discretization, body.model).class_of.reshape(-1, 2)
+    of_images = classes[len(classes) - len(images.source) :]
+    assert (of_images == classes[images.source]).all() and len(np.unique(of_images)) == 2
+
+
 def test_blocks_of_points_lose_the_bonds_that_broke():
     """3x3 blocks of the preconditioner, renewed for broken bonds to images, against a new sum over what is left."""
     body = build(notched(("x-", "y-", "z-")))
