@@ -18,6 +18,7 @@ from pdfem_mpi.subdomain import cut_out, partition
 from verification.bodies import build, make_scene
 
 SAMPLING = 0.1  # a sample of 128 cells stands for a thousand
+EXACT_SAMPLE = 0.03  # bonds of points to their own images are counted as two halves, not as one: here 2 %
 
 DECK = """
 [mesh]
@@ -161,6 +162,15 @@ def test_a_set_on_a_mirror_plane_is_not_pulled(tmp_path):
     mesh = make_mesh(make_scene((2, 2, 2), 2))
     with pytest.raises(SceneError, match=r"loads.0.set = left has 4 of 4 faces on a mirror plane"):
         build(file_scene(tmp_path, mesh, ("x-",), loads=(pull("left"), pull("right"))))
+
+
+def test_memory_counts_images_of_the_own_cell():
+    """Sixteen cells, all in the sample, of a slab thinner than the cutoff radius: a seventh of the bonds are such."""
+    scene = make_scene((8, 2, 1), 0, symmetry=("z-", "z+"), loads=())
+    discretization = discretize(scene)
+    model = build_model(scene, discretization, mpi().COMM_SELF)
+    _, bonds = memory._count_bonds(discretization, np.arange(16))
+    assert bonds == pytest.approx(model.bonds.count, rel=EXACT_SAMPLE)
 
 
 @pytest.mark.parametrize("faces", [("y-",), ("x-", "y-", "z-"), ("z-", "z+")], ids="".join)
