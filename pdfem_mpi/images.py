@@ -94,6 +94,10 @@ class MirroredHalo:
         """Wait for the rows that neighbours hold as ghosts, and add them to the owned rows."""
         self.halo.finish_reverse(a[: self.n_real])
 
+    def scatter_smallest(self, a: np.ndarray) -> None:
+        """Lower the rows of owners to the smallest of their copies, then overwrite the ghosts; images stay."""
+        self.halo.scatter_smallest(a[: self.n_real])
+
     def test(self) -> None:
         """Let messages progress."""
         self.halo.test()

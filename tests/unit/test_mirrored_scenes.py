@@ -13,7 +13,7 @@ from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import build_model
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run import check_scene
-from pdfem_mpi.scene import FileMesh, Region, SceneError, Support, Traction
+from pdfem_mpi.scene import Crack, FileMesh, Region, SceneError, Support, Traction
 from pdfem_mpi.subdomain import cut_out, partition
 from verification.bodies import build, make_scene
 
@@ -214,3 +214,24 @@ def test_check_tells_the_part(faces, words):
     scene = make_scene((4, 2, 2), 0, symmetry=faces)
     assert check_scene(scene, mpi().COMM_SELF)["mirror planes"] == words
     assert "mirror planes" not in check_scene(make_scene((4, 2, 2), 0), mpi().COMM_SELF)
+
+
+ACROSS = Crack(polygon=((2.87, -9.0, -9.0), (2.87, 9.0, -9.0), (2.87, 9.0, 9.0), (2.87, -9.0, 9.0)))
+
+
+@pytest.mark.parametrize(
+    ("faces", "free"),
+    [
+        (("x-",), [3, 6]),  # at the plane; on its own, as its image is
+        (("y-",), [3, 3]),
+        (("x-", "y-", "z-"), [0, 1]),
+        (("z-", "z+"), [3, 3]),
+    ],
+    ids=str,
+)
+def test_parts_that_a_crack_leaves_are_held_by_the_planes_they_reach(faces, free):
+    """A part that hangs together with its own image across a plane moves only within it."""
+    case = build(make_scene((6, 2, 2), 0, symmetry=faces, loads=(), cracks=(ACROSS,))).case
+    assert case.parts.count == 2
+    motions = {part.part: len(part.motions) for part in case.loose}
+    assert [motions.get(part, 0) for part in range(2)] == free
