@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pdfem_mpi.images import MAGNITUDES, Images, MirroredHalo, halo_for
 from pdfem_mpi.kernels import families, surface_correction
 from pdfem_mpi.kernels.cracks import cut_rows
 from pdfem_mpi.kernels.failure import add_noise
+from pdfem_mpi.kernels.images import share_own_images
 from pdfem_mpi.kernels.peridynamics import add_densities
 from pdfem_mpi.kernels.simd import PATTERN, W
 from pdfem_mpi.materials import MaterialTable
@@ -24,22 +26,27 @@ RESPONSE_CONSTANT = 9.0 * BULK_MODULUS / math.pi
 
 @dataclass(frozen=True)
 class Points:
-    """Collocation points of the local cells: owned free cells, owned overlap cells, ghosts.
+    """Collocation points of the local cells: owned free cells, owned overlap cells, ghosts, mirror images.
 
     Attributes
     ----------
     n_free, n_owned : int
         Numbers of owned cells with free points, and of all owned cells with points.
     cell_number : int64, shape (n_cells,)
-        Global number of each local cell among the cells with points; point ids are ``8 number + g``.
+        Global number of each local cell among the cells with points; point ids are ``8 number + g``. An image has the
+        number of its cell.
     material : int16, shape (n_cells,)
         Material of each local cell.
     x : float64, shape (n_cells * 24,), dimension length
         Positions in cluster layout ``[cluster][component][lane]``, two clusters a cell.
     volume : float64, shape (n_cells * 8,), dimension length^3
         Integration weights ``w``.
-    halo : Halo
-        Exchange of blocks of one cell.
+    halo : Halo or MirroredHalo
+        Exchange of blocks of one cell whose rows are components of vectors (`images.halo_for` for others).
+    images : Images or None
+        None without mirror planes.
+    n_numbers : int
+        Cells with points in the whole mesh; needed with images.
     """
 
     n_free: int
@@ -48,7 +55,17 @@ class Points:
     material: np.ndarray
     x: np.ndarray
     volume: np.ndarray
-    halo: Halo
+    halo: Halo | MirroredHalo
+    images: Images | None = None
+    n_numbers: int = 0
+
+    @property
+    def cell_key(self) -> np.ndarray:
+        """What tells a cell and its images apart on all ranks: its number, which rises with each image; int64."""
+        key = self.cell_number.copy()
+        if self.images:
+            key[len(key) - len(self.images.reflection) :] += self.n_numbers * self.images.reflection
+        return key
 
     @property
     def n_clusters(self) -> int:
@@ -77,7 +94,7 @@ class Bonds:
     Attributes
     ----------
     interior, boundary : Rows
-        Rows against owned clusters, and against ghost clusters.
+        Rows against owned clusters, and against clusters of ghosts and images.
     finite : bool
         Finite (else linear) kinematics: eight (else four) stored numbers a row.
     cutoff : float, dimension length
@@ -202,6 +219,8 @@ def make_bonds(
                 *rows.arrays, points.x, points.volume, factor, constants, points.material, cutoff, finite, strongest,
                 counts,
             )  # fmt: skip
+        if points.images:
+            share_own_images(*boundary.arrays, points.cell_number, points.material, finite, counts)
         return Bonds(
             interior, boundary, finite, cutoff, added, taken, counts, *largest(comm, strongest).tolist()
         )
@@ -228,13 +247,14 @@ def _appendix_a(comm, points: Points, materials: MaterialTable, bonds: Bonds) ->
     blocks = T.reshape(-1, 2, 9, W)
     infinite_response = surface_correction.INFINITE_RESPONSE * BULK_MODULUS
     target = np.repeat(infinite_response * materials.youngs_modulus[points.material[: points.n_owned]], 2)
+    halo = halo_for(points.halo, MAGNITUDES)
     remaining = 0.0
     for _ in range(surface_correction.SWEEPS):
         widest = float(largest(comm, np.array([T[:, 0:3].max(initial=0.0)]))[0])
         quantum, pattern = start_sums(T, bonds.added + bonds.taken, bonds.strongest * widest)
         for rows in bonds.rows:
             surface_correction.add_responses(*rows.arrays, T.reshape(-1), integers, pattern, bonds.finite)
-        points.halo.scatter_reverse(blocks.view(np.int64)[:, :, 6:9])
+        halo.scatter_reverse(blocks.view(np.int64)[:, :, 6:9])
         worst = surface_correction.update_factors(
             2 * points.n_owned,
             T.reshape(-1),
@@ -244,7 +264,7 @@ def _appendix_a(comm, points: Points, materials: MaterialTable, bonds: Bonds) ->
             target,
         )
         remaining = float(largest(comm, np.array([worst]))[0])
-        points.halo.scatter_forward(blocks[:, :, 0:3])
+        halo.scatter_forward(blocks[:, :, 0:3])
     return np.ascontiguousarray(T[:, 0:3]).reshape(-1), remaining
 
 
@@ -260,7 +280,7 @@ def fictitious_masses(points: Points, bonds: Bonds) -> np.ndarray:
     quantum, pattern = start_sums(T, bonds.added + bonds.taken, bonds.stiffest)
     for rows in bonds.rows:
         add_densities(*rows.arrays, T.reshape(-1), integers, pattern, bonds.finite)
-    points.halo.scatter_reverse(T.view(np.int64).reshape(-1, 2, 9, W)[:, :, 6:9])
+    halo_for(points.halo, MAGNITUDES).scatter_reverse(T.view(np.int64).reshape(-1, 2, 9, W)[:, :, 6:9])
     sums = T.view(np.int64)[: 2 * points.n_owned, 6:9] * quantum
     return np.ascontiguousarray(sums.max(axis=1)).reshape(-1)
 

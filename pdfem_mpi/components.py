@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdfem_mpi.images import MAGNITUDES, SCALAR, halo_for
 from pdfem_mpi.kernels.components import join_bonds, join_rows, spread_smallest
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.model import Model, cluster_layout, point_rows
@@ -37,6 +38,7 @@ NAMED = 3
 
 _NAMES = tuple(f"the {kind} {axis}" for kind in ("translation along", "rotation about") for axis in "xyz")
 _PAIRS = np.tril_indices(6)
+_DIAGONAL = [k * (k + 3) // 2 for k in range(6)]  # of pairs of equal motions
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,11 @@ def find_parts(model: Model) -> Parts:
         bonded = np.zeros(n_points, np.int64)
         for rows in bonds.rows:
             join_bonds(*rows.arrays, 2 * W if bonds.finite else W, parent, bonded)
-        points.halo.scatter_reverse(bonded.reshape(-1, 8))
+        halo_for(points.halo, SCALAR).scatter_reverse(bonded.reshape(-1, 2, 1, W))
+        if points.images:
+            source = points.images.source  # what hangs on an image hangs on its point
+            cells = np.column_stack([source, len(points.cell_number) - len(source) + np.arange(len(source))])
+            join_rows((8 * cells[:, None] + np.arange(8)[:, None]).reshape(-1, 2), parent)
     if nodes:
         above = int(largest(model.comm, np.array([label[:n_points].max(initial=-1)], float))[0]) + 1
         label[n_points:] = above + nodes.number
@@ -141,6 +147,9 @@ def find_loose(model: Model, parts: Parts, fixed: np.ndarray) -> tuple[Loose, ..
     for column, (a, b) in enumerate(zip(*_PAIRS, strict=True)):
         kept[anywhere, column] = (modes[:, a] * modes[:, b]).sum(axis=1)
     kept = _sums(model.comm, parts, anywhere, kept)
+    if model.mirrors:
+        size = np.trace(second, axis1=1, axis2=2)[:, None]
+        kept[:, _DIAGONAL] += number * _kept_by_planes(model, parts) * np.where(np.arange(6) < 3, 1.0, size)
     texts = _texts(model, parts)
     found = []
     for part in range(parts.count):
@@ -148,6 +157,37 @@ def find_loose(model: Model, parts: Parts, fixed: np.ndarray) -> tuple[Loose, ..
         if len(motions):
             found.append(Loose(part, centre[part], motions, texts[part]))
     return tuple(found)
+
+
+def _kept_by_planes(model: Model, parts: Parts) -> np.ndarray:
+    """Translations and rotations that each part cannot make: it hangs together with its image across a mirror plane.
+
+    Nodes on a plane do not count: they are held anyway. Collective.
+
+    Returns
+    -------
+    bool, shape (count, 6)
+    """
+    across = np.zeros((len(parts.of), 3), np.int64)
+    if model.points:
+        points, boundary = model.points, model.bonds.boundary
+        images = points.images
+        n_real = len(points.cell_number) - len(images.source)
+        table = np.zeros((len(points.cell_number), 2, 3, W), np.int64)
+        cluster = boundary.offset[:-1].astype(np.int64) // (9 * W)
+        row = np.flatnonzero(cluster // 2 >= n_real)
+        stride = 2 * W if model.bonds.finite else W
+        slot, lane = np.nonzero(boundary.data.reshape(-1, stride)[row, :W])
+        row = row[slot]
+        axes = ((images.sign < 0.0) | (images.shift != 0.0))[cluster[row] // 2 - n_real]
+        own = np.searchsorted(boundary.start, row, side="right") - 1
+        for c, k in ((own // W, own % W), (cluster[row], lane)):
+            np.add.at(table, (c // 2, c % 2, slice(None), k), axes)
+        halo_for(points.halo, MAGNITUDES).scatter_reverse(table)
+        across[: 8 * points.n_free] = table[: points.n_free].swapaxes(2, 3).reshape(-1, 3)
+    across = _sums(model.comm, parts, np.ones(len(across), bool), across) > 0.0
+    others = across.sum(axis=1)[:, None] - across
+    return np.concatenate([across, others > 0], axis=1)
 
 
 def _left_free(inertia: np.ndarray, kept: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from pdfem_mpi.bonds import Bonds, Points
+from pdfem_mpi.images import SCALAR, halo_for
 from pdfem_mpi.kernels.local_damage import add_bond_weights
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest
@@ -29,10 +30,9 @@ def family_weights(comm, points: Points, bonds: Bonds) -> np.ndarray:
     sums = np.zeros(points.n_clusters * W, np.int64)
     stride = (2 if bonds.finite else 1) * W
     for rows in bonds.rows:
-        add_bond_weights(*rows.arrays, stride, points.x, points.volume, quantum, sums)
-    by_cell = sums.reshape(-1, 2 * W)
-    points.halo.scatter_reverse(by_cell)
-    return by_cell[: points.n_owned]
+        add_bond_weights(*rows.arrays, stride, points.cell_number, points.x, points.volume, quantum, sums)
+    halo_for(points.halo, SCALAR).scatter_reverse(sums.reshape(-1, 2, 1, W))
+    return sums.reshape(-1, 2 * W)[: points.n_owned]
 
 
 def local_damage(comm, points: Points, bonds: Bonds, intact: np.ndarray) -> np.ndarray:

@@ -12,16 +12,18 @@ subtraction.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.materials import MaterialTable, material_table
 from pdfem_mpi.mesh import generators, named_sets
-from pdfem_mpi.mesh.defects import face_problems, find_defects
+from pdfem_mpi.mesh.defects import face_problems, find_defects, mirror_problems
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.quality import Quality, measure
 from pdfem_mpi.mesh.reader import read_mesh
+from pdfem_mpi.mirrors import Mirrors, mirrors_at
 from pdfem_mpi.scene import (
     PERIDYNAMIC_POISSONS_RATIO,
     FileMesh,
@@ -80,6 +82,8 @@ class Discretization:
         Number of a node among the nodes of elements and overlap, else -1.
     cutoff : float
         Guarded cutoff radius in model units; 0 without peridynamics.
+    mirrors : Mirrors
+        Mirror planes in model units.
     """
 
     mesh: HexMesh
@@ -95,6 +99,7 @@ class Discretization:
     point_cell_number: np.ndarray
     node_number: np.ndarray
     cutoff: float
+    mirrors: Mirrors
 
     @property
     def n_point_cells(self) -> int:
@@ -117,6 +122,18 @@ class Discretization:
         return self.materials.poissons_ratio[self.material]
 
     @property
+    def plane_components(self) -> np.ndarray:
+        """Displacement components of nodes that mirror planes hold; bool, shape (n_nodes, 3)."""
+        return self.mirrors.normal_components(self.nodes, self.mesh.tolerance / self.units.length)
+
+    @cached_property
+    def reflections(self) -> tuple[np.ndarray, np.ndarray]:
+        """Signs and shifts, both (n, 3), of reflections that bring an image within the cutoff radius of the body."""
+        body = np.array([self.nodes.min(axis=0), self.nodes.max(axis=0)])
+        reach = self.cutoff + 2.0 * self.mesh.largest_edge / self.units.length  # and the size of cells
+        return self.mirrors.reflections(body, body + np.array([[-reach], [reach]]))
+
+    @property
     def has_nodes(self) -> np.ndarray:
         """Cells with nodes that carry unknowns: elements and overlap; bool, shape (n_cells,)."""
         return self.has_stiffness | self.is_overlap
@@ -132,11 +149,13 @@ def make_mesh(scene: Scene) -> HexMesh:
     """
     entry = scene.mesh
     if isinstance(entry, PlateWithHoleMesh):
-        return generators.plate_with_hole(entry.lower, entry.upper, entry.hole_radius, entry.spacing)
+        return generators.plate_with_hole(entry.lower, entry.upper, entry.hole_radius, entry.spacing, entry.symmetry)
     if not isinstance(entry, FileMesh):
         return generators.box(entry.lower, entry.upper, entry.n_cells)
     mesh, node_number = read_mesh(entry)
     messages = find_defects(mesh, node_number) + _spacing_problems(scene, mesh)
+    for face in entry.symmetry:
+        messages += mirror_problems(mesh, face)
     for table, entries in (("loads", scene.loads), ("supports", scene.supports)):
         for index, item in enumerate(entries):
             if item.set is not None:
@@ -218,6 +237,7 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         point_cell_number=_number(has_points),
         node_number=_number(carries),
         cutoff=cutoff,
+        mirrors=mirrors_at(scene.mesh.symmetry, *(np.array([mesh.lower, mesh.upper]) - units.origin) / length),
     )
 
 

@@ -48,7 +48,8 @@ class Failure:
     pairs, strengths, counter
         Records of the sweep under way (see kernels/peridynamics.py).
     global_pairs : list of int64 arrays (n, 2)
-        Global ids (lower, higher) of all bonds broken on this rank.
+        Global ids (lower, higher) of all bonds broken on this rank; an image's id is above that of its point by the
+        number of its reflection times the number of points.
     count : int
         Their number on all ranks.
     dissipated : float, dimension force length
@@ -106,7 +107,7 @@ class Failure:
         self._enter(model, pairs, strengths)
 
     def _enter(self, model: Model, pairs: np.ndarray, strengths: np.ndarray) -> None:
-        ids = 8 * model.points.cell_number[pairs // 8] + pairs % 8
+        ids = 8 * model.points.cell_key[pairs // 8] + pairs % 8
         self.global_pairs.append(np.sort(ids, axis=1))
         place = 12 * (pairs // W) + pairs % W
         for d in range(3):
@@ -192,8 +193,8 @@ def nowhere() -> np.ndarray:
 
 
 def _local_points(model: Model, ids: np.ndarray) -> np.ndarray:
-    """Local indices of pairs of points of which this rank owns one and sees the other; int64, shape (m, 2)."""
-    number = model.points.cell_number
+    """Local indices of pairs of points, images included, of which this rank owns one and sees both; int64, (m, 2)."""
+    number = model.points.cell_key
     order = np.argsort(number, kind="stable")
     if not len(order) or not len(ids):
         return np.empty((0, 2), np.int64)
@@ -210,7 +211,8 @@ def make_failure(scene: Scene, discretization: Discretization, model: Model) -> 
     stretch = critical_stretches(scene, discretization)
     if not (stretch < UNBREAKABLE).any():
         return None
-    cells = np.concatenate([model.subdomain.free, model.subdomain.overlap, model.subdomain.ghosts])
+    share = model.subdomain
+    cells = np.concatenate([share.free, share.overlap, share.ghosts, share.images])
     most = max(int(np.diff(rows.start).max(initial=0)) for rows in model.bonds.rows)
     room = max(RECORDS, W * most)
     return Failure(

@@ -210,6 +210,8 @@ class Forces:
             owned = self.force_nodes[: nodes.n_owned].reshape(-1)
             np.multiply(owned, node_quantum, out=force[n:])
             force[n:] += external[n:]
+            if len(model.rollers):
+                force[model.rollers] = 0.0  # the body's mirror image answers
             clock.lap("other")
 
     def linearise(self, u: np.ndarray, largest_e: float) -> None:

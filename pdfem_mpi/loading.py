@@ -39,13 +39,13 @@ class LoadCase:
     ----------
     external : float64, shape (n_unknowns,), dimension force
     fixed : bool, shape (n_unknowns,)
-        Unknowns with a prescribed displacement.
+        Unknowns with a prescribed displacement, those normal to mirror planes included.
     prescribed : float64, shape (n_unknowns,), dimension length
         Their displacements; 0 elsewhere.
     volume : float64, shape (n_unknowns,), dimension length^3
         Share of the body's volume that each unknown stands for.
     free_motions : float64, shape (n_modes, 6)
-        Rigid motions that no support holds, as combinations of `rigid_modes`.
+        Rigid motions that no support and no mirror plane holds, as combinations of `rigid_modes`.
     rigid_gram : float64, shape (6, 6)
         Products of the rigid modes over the body's volume; empty where no motion is free.
     parts : Parts
@@ -193,17 +193,20 @@ def exact_dots(comm, pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> np.ndarr
 
 
 def free_motions(model: Model, fixed: np.ndarray) -> np.ndarray:
-    """Combinations of the rigid modes that move no fixed unknown, shape (n_modes, 6). Collective."""
+    """Combinations of the rigid modes that move neither fixed unknowns nor mirror planes, (n_modes, 6). Collective."""
+    kept = model.mirrors.kept_motions
     if not sum_integers(model.comm, np.array([np.count_nonzero(fixed)]))[0]:
-        return np.eye(6)
+        return np.eye(6)[kept]
     held = [mode[fixed] for mode in rigid_modes(model)]
     whole = exact_dots(model.comm, ((mode, mode) for mode in rigid_modes(model)))
     scale = 1.0 / np.sqrt(np.maximum(whole, 1e-300))
     gram = np.zeros((6, 6))
     gram[np.tril_indices(6)] = exact_dots(model.comm, ((a, b) for i, a in enumerate(held) for b in held[: i + 1]))
     gram = np.tril(gram) + np.tril(gram, -1).T
-    values, vectors = np.linalg.eigh(scale[:, None] * gram * scale)
-    return vectors[:, values <= HELD * values.max()].T * scale
+    values, vectors = np.linalg.eigh((scale[:, None] * gram * scale)[np.ix_(kept, kept)])
+    free = np.zeros((np.count_nonzero(values <= HELD * values.max(initial=0.0)), 6))
+    free[:, kept] = vectors[:, values <= HELD * values.max(initial=0.0)].T
+    return free * scale
 
 
 def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
@@ -327,6 +330,15 @@ def _traction(discretization: Discretization, load: Traction, where: str) -> np.
             ]
         )
     corners = discretization.nodes[faces]
+    flat = np.ptp(corners, axis=1) <= discretization.mesh.tolerance / discretization.units.length
+    mirrored = (flat & discretization.plane_components[faces].all(axis=1)).any(axis=1)
+    if mirrored.any():
+        raise SceneError(
+            [
+                f"{where}.{key} = {name} has {np.count_nonzero(mirrored)} of {len(faces)} faces on a mirror plane "
+                "(mesh.symmetry), which lies inside of the whole body. Pull elsewhere, or remove the mirror."
+            ]
+        )
     areas = np.zeros(len(faces))
     nodal = np.zeros((len(discretization.nodes), 3))
     shares = np.zeros((len(faces), 4))
@@ -348,7 +360,9 @@ def _traction(discretization: Discretization, load: Traction, where: str) -> np.
         traction = np.array(load.total) / units.force / whole
     if load.nodal == "equal":
         nodes = np.unique(faces)
-        nodal[nodes] = traction * whole / len(nodes)
+        # a node on a mirror plane is shared with the other side
+        share = 0.5 ** np.count_nonzero(discretization.plane_components[nodes], axis=1)
+        nodal[nodes] = share[:, None] * (traction * whole / share.sum())
     else:
         for a in range(4):
             np.add.at(nodal, faces[:, a], shares[:, a, None] * traction)
@@ -364,6 +378,7 @@ def _prescriptions(scene: Scene, discretization: Discretization, messages: list[
     on_cells = np.full((len(mesh.cells), 3), np.nan)
     on_nodes = np.full((len(mesh.nodes), 3), np.nan)
     by_cells, by_nodes = on_cells.copy(), on_nodes.copy()
+    mirrored = discretization.plane_components
     for index, support in enumerate(scene.supports):
         where = f"supports.{index}"
         try:
@@ -382,6 +397,12 @@ def _prescriptions(scene: Scene, discretization: Discretization, messages: list[
             if amount is None:
                 continue
             displacement = amount / discretization.units.length
+            through = np.count_nonzero(nodes & mirrored[:, d])
+            if through and amount:
+                messages.append(
+                    f"{where}.{'xyz'[d]} = {amount:.6g} moves {through} nodes out of a mirror plane (mesh.symmetry). "
+                    "Keep the support off the plane, or remove the mirror."
+                )
             for table, holder, chosen in (
                 (on_cells, by_cells, cells & ~discretization.has_nodes),
                 (on_nodes, by_nodes, nodes),
@@ -395,6 +416,7 @@ def _prescriptions(scene: Scene, discretization: Discretization, messages: list[
                     )
                 table[chosen, d] = displacement
                 holder[chosen, d] = index
+    on_nodes[mirrored] = 0.0
     return (on_cells, on_nodes), (by_cells, by_nodes)
 
 

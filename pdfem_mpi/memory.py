@@ -20,7 +20,7 @@ from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.hex8 import gauss_positions
 from pdfem_mpi.parallel.comm import agree, largest, node_communicator, sum_integers
 from pdfem_mpi.scene import FileMesh, Scene, SceneError
-from pdfem_mpi.subdomain import Subdomain, cut_out, partition
+from pdfem_mpi.subdomain import Subdomain, cut_out, near_images, partition
 
 #: Cells of a rank whose families are searched.
 SAMPLE = 128
@@ -112,7 +112,8 @@ def estimate(scene: Scene, discretization: Discretization, subdomain: Subdomain)
     rows, bonds = _count_bonds(discretization, cells)
     n_nodes = len(subdomain.owned_nodes) + len(subdomain.ghost_nodes)
     total = rows * ROW_BYTES[scene.peridynamics.kinematics]
-    total += 8 * (len(cells) + len(subdomain.ghosts)) * POINT_BYTES + 0.5 * n_nodes * POINT_BYTES
+    n_cells = len(cells) + len(subdomain.ghosts) + len(subdomain.images)
+    total += (8 * n_cells + 0.5 * n_nodes) * POINT_BYTES
     total += (8 * len(subdomain.free) + len(subdomain.owned_nodes)) * MOTION_BYTES
     total += np.count_nonzero(discretization.has_nodes) * NODAL_CELL_BYTES
     if scene.solver.kind == "cg":
@@ -124,8 +125,8 @@ def estimate(scene: Scene, discretization: Discretization, subdomain: Subdomain)
 def _count_bonds(discretization: Discretization, cells: np.ndarray) -> tuple[float, float]:
     """Rows and bonds of some cells' points: those of a sample, times the cells it stands for.
 
-    Half the rows of a cell against others are its own, and so are half of its bonds with others. Within a cell each of
-    28 bonds is counted once, in 10 rows.
+    Half the rows of a cell against others and images are its own, and so are half of its bonds with them. Within a cell
+    each of 28 bonds is counted once, in 10 rows.
     """
     if not len(cells):
         return 0.0, 0.0
@@ -134,14 +135,24 @@ def _count_bonds(discretization: Discretization, cells: np.ndarray) -> tuple[flo
     with_points = np.flatnonzero(discretization.has_points)
     centroids = (mesh.centroids - discretization.units.origin) / discretization.units.length
     half_edges = 0.5 * mesh.largest_edge / discretization.units.length * math.sqrt(3.0)
-    tree = cKDTree(centroids[with_points])
-    near = tree.query_ball_point(centroids[sample], discretization.cutoff + 2.0 * half_edges)
+    reach = discretization.cutoff + 2.0 * half_edges
+    index, reflection, images = near_images(
+        discretization, centroids[with_points], centroids[cells], 2.0 * half_edges
+    )
+    tree = cKDTree(np.concatenate([centroids[with_points], images]))
+    n_real = len(with_points)
+    with_points = np.concatenate([with_points, with_points[index]])
+    sign, shift = (
+        np.concatenate([np.full((n_real, 3), same), rows[reflection - 1]])
+        for same, rows in zip((1.0, 0.0), discretization.reflections, strict=True)
+    )
+    near = tree.query_ball_point(centroids[sample], reach)
     rows = bonds = 0
     for cell, found in zip(sample, near, strict=True):
-        others = with_points[found]
-        others = others[others != cell]
+        others = np.array([other for other in found if other >= n_real or with_points[other] != cell], np.int64)
         x = gauss_positions(nodes[mesh.cells[[cell]]]).reshape(8, 1, 3)
-        y = gauss_positions(nodes[mesh.cells[others]]).reshape(1, -1, 3)
+        y = gauss_positions(nodes[mesh.cells[with_points[others]]])
+        y = (sign[others, None] * y + shift[others, None]).reshape(1, -1, 3)
         family = ((y - x) ** 2).sum(axis=2) <= discretization.cutoff**2
         bonds += np.count_nonzero(family)
         rows += np.count_nonzero(family.reshape(8, -1, 4).any(axis=2))

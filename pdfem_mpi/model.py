@@ -12,6 +12,7 @@ from pdfem_mpi.bonds import Bonds, Points, cut_bonds, fictitious_masses, make_bo
 from pdfem_mpi.damage import family_weights
 from pdfem_mpi.discretization import Discretization, ModelUnits
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_positions, gauss_volumes
+from pdfem_mpi.images import Images, MirroredHalo
 from pdfem_mpi.kernels.finite_elements import (
     element_masses,
     element_stiffness,
@@ -21,6 +22,7 @@ from pdfem_mpi.kernels.finite_elements import (
     stiffness_of_moduli,
 )
 from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.mirrors import Mirrors
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.parallel.halo import Halo, build_halo
 from pdfem_mpi.scene import Scene, polygon_normal
@@ -141,6 +143,10 @@ class Model:
         Largest ``|G / g_inf - 1|`` of the surface correction before its last sweep.
     cut : tuple of int
         Bonds cut by each initial crack, on all ranks.
+    mirrors : Mirrors
+    rollers : int64
+        Unknowns of nodes on mirror planes, normal to them: their displacement is 0, and forces on them are answered by
+        the mirror image of the body.
     intact_weights : int64, shape (n_owned, 8), or None
         Denominators of the local damage (eq. 5), where the deck asks for it.
     """
@@ -157,6 +163,8 @@ class Model:
     mass: np.ndarray
     correction_remaining: float
     cut: tuple[int, ...]
+    mirrors: Mirrors
+    rollers: np.ndarray
     intact_weights: np.ndarray | None = None
 
     @property
@@ -168,6 +176,15 @@ class Model:
     def n_unknowns(self) -> int:
         """Owned unknowns."""
         return len(self.mass)
+
+    @property
+    def share(self) -> np.ndarray:
+        """Part of each unknown on this side of mirror planes: 1/2 on one, 1/4 on two; float64, shape (n_unknowns,)."""
+        planes = np.zeros(self.n_unknowns)
+        planes[self.rollers] = 1.0
+        n = self.n_point_unknowns
+        planes[n:] = np.repeat(planes[n:].reshape(-1, 3).sum(axis=1), 3)
+        return 0.5**planes
 
 
 def cluster_layout(rows: np.ndarray) -> np.ndarray:
@@ -206,7 +223,7 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -
         for crack in scene.cracks:
             corners = (np.array(crack.polygon) - discretization.units.origin) / discretization.units.length
             normal, _ = polygon_normal(crack.polygon)
-            cut.append(cut_bonds(comm, points, bonds, corners, np.array(normal)))
+            cut.append(_cut_with_images(discretization, comm, points, bonds, corners, np.array(normal)))
     if discretization.has_nodes.any():
         nodes = _make_nodes(discretization, subdomain, comm)
         local = local_nodes(discretization, subdomain)
@@ -228,6 +245,8 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -
         mass=mass,
         correction_remaining=remaining,
         cut=tuple(cut),
+        mirrors=discretization.mirrors,
+        rollers=_rollers(discretization, subdomain, points, nodes),
         intact_weights=intact_weights,
     )
 
@@ -258,6 +277,7 @@ def build_intact_elements(discretization: Discretization, model: Model) -> Model
         elements=elements,
         overlap=None,
         mass=np.zeros(3 * nodes.n_owned),
+        rollers=_rollers(intact, subdomain, None, nodes),
         intact_weights=None,
     )
 
@@ -275,15 +295,48 @@ def _make_points(discretization: Discretization, subdomain: Subdomain, comm) -> 
     cells = np.concatenate([owned, subdomain.ghosts])
     corners = discretization.nodes[discretization.mesh.cells[cells]]
     number = discretization.point_cell_number
+    x, volume = gauss_positions(corners), gauss_volumes(corners)
+    halo = build_halo(comm, number[owned], number[subdomain.ghosts], subdomain.ghost_owner)
+    images = None
+    if discretization.mirrors:
+        local = np.full(len(number), -1)
+        local[cells] = np.arange(len(cells))
+        sign, shift = (rows[subdomain.reflection - 1] for rows in discretization.reflections)
+        images = Images(local[subdomain.images], subdomain.reflection, sign, shift)
+        halo = MirroredHalo(halo, images)
+        x = np.concatenate([x, images.sign[:, None] * x[images.source] + images.shift[:, None]])
+        volume = np.concatenate([volume, volume[images.source]])
+        cells = np.concatenate([cells, subdomain.images])
     return Points(
         n_free=len(subdomain.free),
         n_owned=len(owned),
         cell_number=number[cells],
         material=discretization.material[cells],
-        x=cluster_layout(gauss_positions(corners)),
-        volume=gauss_volumes(corners).reshape(-1),
-        halo=build_halo(comm, number[owned], number[subdomain.ghosts], subdomain.ghost_owner),
+        x=cluster_layout(x),
+        volume=volume.reshape(-1),
+        halo=halo,
+        images=images,
+        n_numbers=discretization.n_point_cells,
     )
+
+
+def _cut_with_images(discretization: Discretization, comm, points: Points, bonds: Bonds, corners, normal) -> int:
+    """Cut the bonds that cross a polygon or one of its mirror images. Collective."""
+    reach = np.array([[-1.0], [1.0]]) * discretization.cutoff
+    body = np.array([discretization.nodes.min(axis=0), discretization.nodes.max(axis=0)]) + reach
+    box = np.array([corners.min(axis=0), corners.max(axis=0)])
+    cut = cut_bonds(comm, points, bonds, corners, normal)
+    for sign, shift in zip(*discretization.mirrors.reflections(box, body), strict=True):
+        cut += cut_bonds(comm, points, bonds, sign * corners + shift, sign * normal)
+    return cut
+
+
+def _rollers(discretization: Discretization, subdomain: Subdomain, points: Points | None, nodes: Nodes | None):
+    """Unknowns of owned nodes that are normal to a mirror plane through the node, int64."""
+    if not nodes:
+        return np.empty(0, np.int64)
+    first = 24 * points.n_free if points else 0
+    return first + np.flatnonzero(discretization.plane_components[subdomain.owned_nodes])
 
 
 def _make_nodes(discretization: Discretization, subdomain: Subdomain, comm) -> Nodes:

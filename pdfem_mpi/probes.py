@@ -28,7 +28,8 @@ class Bar:
         Centres of the layers of cells along the axis.
     displacement, exact : float64, shape (n,), dimension length
         Mean axial displacement of each layer, its rigid part chosen so that the two end faces move by opposite
-        amounts (a face's displacement is its layer's, continued linearly), and the integral of ``strain``.
+        amounts (a face's displacement is its layer's, continued linearly; of a bar halved by a mirror plane, as it is),
+        and the integral of ``strain`` from the middle.
     strain : float64, shape (n,), dimension 1
         ``stress / E`` of each layer, with the mean of Young's modulus over its volume: exact where the materials of
         a cross section have one Poisson's ratio, and away from changes along the axis.
@@ -100,7 +101,7 @@ def measure_line(discretization: Discretization, fields: Fields, probe: LineProb
     for k, point in enumerate(position):
         holders, outside = _locate(discretization, point)
         if outside <= discretization.mesh.tolerance:
-            displacement[k] = _interpolate(discretization, fields, holders)
+            displacement[k] = _interpolate(discretization, fields, holders, point)
             elements = discretization.has_nodes[next(iter(holders))]
             kind[k] = "finite elements" if elements else "peridynamics"
     return Line(t * float(np.linalg.norm(stop - start)), position, displacement, kind.astype(str))
@@ -111,13 +112,14 @@ def displacement_at(discretization: Discretization, fields: Fields, point) -> np
 
     In a cell with elements or overlap the nodes are interpolated, in a peridynamic cell the trilinear function
     through its eight points; where peridynamic cells meet, their mean. Outside the body the nearest of its points is
-    taken.
+    taken. On a mirror plane the mean includes the mirror image: nothing moves out of it.
 
     Returns
     -------
     float64, shape (3,), dimension length
     """
-    return _interpolate(discretization, fields, _locate(discretization, np.asarray(point, float))[0])
+    point = np.asarray(point, float)
+    return _interpolate(discretization, fields, _locate(discretization, point)[0], point)
 
 
 def _locate(discretization: Discretization, point: np.ndarray) -> tuple[dict[int, np.ndarray], float]:
@@ -144,8 +146,8 @@ def _locate(discretization: Discretization, point: np.ndarray) -> tuple[dict[int
     return {c: local[c] for c in cells}, outside
 
 
-def _interpolate(discretization: Discretization, fields: Fields, holders: dict[int, np.ndarray]) -> np.ndarray:
-    """Mean over the holders of their own interpolation, at the nearest of their points."""
+def _interpolate(discretization: Discretization, fields: Fields, holders: dict[int, np.ndarray], point) -> np.ndarray:
+    """Mean over the holders of their own interpolation, and their mirror images', at the nearest of their points."""
     total = np.zeros(3)
     for cell, coordinates in holders.items():
         rst = np.clip(coordinates, -1.0, 1.0)
@@ -156,6 +158,9 @@ def _interpolate(discretization: Discretization, fields: Fields, holders: dict[i
             values = fields.u_points.reshape(-1, 8, 3)[discretization.point_cell_number[cell]]
             shape = np.prod((1.0 + 9.0 * (rst / 3.0) * GAUSS_POINTS) / 2.0, axis=1)
         total += (shape[:, None] * values).sum(axis=0)
+    units, mesh = discretization.units, discretization.mesh
+    place = (np.clip(point, mesh.lower, mesh.upper)[None] - units.origin) / units.length
+    total[discretization.mirrors.normal_components(place, mesh.tolerance / units.length)[0]] = 0.0
     return total / len(holders)
 
 
@@ -190,6 +195,11 @@ def measure_bar(
     coordinate, displacement, lateral = np.zeros(n), np.zeros(n), np.zeros(n)
     faces = []
     of_points = np.zeros(n, bool)
+    units = discretization.units
+    planes = [
+        [position * units.length + units.origin[d] for position in positions]
+        for d, positions in enumerate(discretization.mirrors.planes)
+    ]
     for k in range(n):
         cells = np.flatnonzero(layer == k)
         of_points[k] = use_points[cells].all()
@@ -203,15 +213,19 @@ def measure_bar(
             u = fields.u_nodes[discretization.node_number[corners]].reshape(-1, 3)
         coordinate[k] = mesh.centroids[cells, axis].mean()
         displacement[k] = u[:, axis].mean()
-        lateral[k] = np.mean([np.polyfit(x[:, d], u[:, d], 1)[0] for d in others])
+        lateral[k] = np.mean([_slope(x[:, d], u[:, d], planes[d]) for d in others])
         if k in (0, n - 1):
             face = mesh.lower[axis] if k == 0 else mesh.upper[axis]
             faces.append(np.polyval(np.polyfit(x[:, axis], u[:, axis], 1), face))
-    displacement -= 0.5 * (faces[0] + faces[-1])
+    if discretization.mirrors.planes[axis]:
+        fixed_end = 0.0
+    else:
+        displacement -= 0.5 * (faces[0] + faces[-1])
+        fixed_end = 0.5
     reach = np.array([mesh.nodes[mesh.cells[layer == k], axis].max() for k in range(n)])
     strain = factor * probe.stress / (scene.material.youngs_modulus * _layer_moduli(discretization, layer, n))
     ends = np.concatenate([[0.0], np.cumsum(strain * np.diff(reach, prepend=mesh.lower[axis]))])
-    exact = 0.5 * (ends[:-1] + ends[1:]) - 0.5 * ends[-1]
+    exact = 0.5 * (ends[:-1] + ends[1:]) - fixed_end * ends[-1]
     switches = np.flatnonzero(of_points[1:] != of_points[:-1])
     overlap = None
     if len(switches):
@@ -242,6 +256,13 @@ def _layer_moduli(discretization: Discretization, layer: np.ndarray, n: int) -> 
     return stiffness / np.bincount(layer, volume, n)
 
 
+def _slope(x: np.ndarray, u: np.ndarray, planes: list[float]) -> float:
+    """Slope of the straight line through displacements, of those beyond a mirror plane as well."""
+    if not planes:
+        return np.polyfit(x, u, 1)[0]
+    return float(((x - planes[0]) * u).sum() / ((x - planes[0]) ** 2).sum())
+
+
 def bar_results(
     scene: Scene, discretization: Discretization, bar: Bar, probe: BarProbe, factor: float
 ) -> dict:
@@ -257,14 +278,16 @@ def bar_results(
     lower, upper = (
         corner["xyz".index(probe.axis)] for corner in (discretization.mesh.lower, discretization.mesh.upper)
     )
-    clear = (bar.coordinate > lower + margin) & (bar.coordinate < upper - margin)
     strain = bar.elongation / (upper - lower)
+    halved = bool(discretization.mirrors.planes["xyz".index(probe.axis)])
+    half_length = (1.0 if halved else 0.5) * (upper - lower)
+    clear = (halved | (bar.coordinate > lower + margin)) & (bar.coordinate < upper - margin)
     for interface in (*bar.interfaces, *bar.moduli_change):
         clear &= np.abs(bar.coordinate - interface) > margin
     results = {
         "end_displacement": float(bar.displacement[-1]),
         "end_error_percent": float(
-            100.0 * (bar.displacement[-1] - bar.exact[-1]) / (0.5 * strain * (upper - lower))
+            100.0 * (bar.displacement[-1] - bar.exact[-1]) / (strain * half_length)
         ),
     }
     lines, runs = {}, []

@@ -143,6 +143,7 @@ def check_scene(scene: Scene, comm) -> dict[str, str]:
     counts, quality = _counts(discretization, None), discretization.quality
     bonds, total = sum_integers(comm, np.array([int(need.bonds), int(need.bytes)]))
     return {
+        **({"mirror planes": _describe_mirrors(scene)} if discretization.mirrors else {}),
         "cells": f"{len(discretization.mesh.cells)}",
         "nodes": f"{counts['nodes']}",
         "edges of cells": f"{quality.shortest_edge:.4g} to {quality.longest_edge:.4g}",
@@ -228,6 +229,8 @@ class _Run:
         self.parts = {"count": case.parts.count, "not_held": len(case.loose)}
         counts = _counts(discretization, model)
         self.reporter.line(_headline(scene, comm, counts, self.seconds["setup"]))
+        if discretization.mirrors:
+            self.reporter.line(f"mirror planes {_describe_mirrors(scene)}; forces and counts are those of this part")
         for index, cut in enumerate(model.cut):
             text = f"cuts {cut:,} bonds" if cut else "cuts no bond: it does not pass through peridynamic cells"
             self.reporter.line(f"cracks.{index} {text}")
@@ -413,6 +416,7 @@ class _Run:
             "ranks": self.comm.size,
             "mesh": {
                 "kind": self.scene.mesh.kind,
+                "symmetry": list(self.scene.mesh.symmetry),
                 "sha256": discretization.mesh.sha256(),
                 **asdict(discretization.quality),
             },
@@ -515,6 +519,15 @@ def _interfaces_without_bonds(scene: Scene, discretization: Discretization, by_m
     for index, interface in enumerate(scene.interfaces):
         if not by_material[tuple(number(name) for name in interface.between)]:
             yield f"interfaces.{index} is crossed by no bond: its materials do not meet in peridynamics or the overlap"
+
+
+def _describe_mirrors(scene: Scene) -> str:
+    """The planes, and what part of the body they leave."""
+    faces = scene.mesh.symmetry
+    endless = [axis for axis in "xyz" if {f"{axis}-", f"{axis}+"} <= set(faces)]
+    if endless:
+        return f"{', '.join(faces)}: a cell of a body without end along {' and '.join(endless)}"
+    return f"{', '.join(faces)}: {('half', 'a quarter', 'an eighth')[len(faces) - 1]} of the body is modelled"
 
 
 def _headline(scene, comm, counts, seconds) -> str:

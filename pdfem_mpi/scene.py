@@ -116,7 +116,20 @@ class Units(Table):
     force: str = key("")
 
 
-class _CubicCells(Table):
+class _Modelled(Table):
+    """A mesh, all of a body or the part of it on one side of its mirror planes."""
+
+    symmetry: tuple[Face, ...] = key((), remedy='Give faces that are mirror planes, for example ["x-", "y-"].')
+
+    def _symmetry_problems(self) -> list[Problem]:
+        """Each face once."""
+        twice = sorted({face for face in self.symmetry if self.symmetry.count(face) > 1})
+        if not twice:
+            return []
+        return [Problem("symmetry", f"= {show(self.symmetry)} names {' and '.join(twice)} twice. Name each face once.")]
+
+
+class _CubicCells(_Modelled):
     """A bounding box of cubic cells."""
 
     kind: str = key("")
@@ -126,7 +139,8 @@ class _CubicCells(Table):
 
     def problems(self) -> list[Problem]:
         """Corners in order, and a spacing that divides the sides."""
-        return _corner_problems(self.lower, self.upper) or self._spacing_problems()
+        corners = _corner_problems(self.lower, self.upper)
+        return self._symmetry_problems() + (corners or self._spacing_problems())
 
     def _spacing_problems(self) -> list[Problem]:
         sides = [upper - lower for lower, upper in zip(self.lower, self.upper, strict=True)]
@@ -174,6 +188,8 @@ class BoxMesh(_CubicCells):
         Opposite corners. Every side is a whole number of spacings, within 1e-6 of its length.
     spacing : float, > 0, dimension length
         Edge of a cell (the paper's Delta).
+    symmetry : faces "x-", "x+", "y-", "y+", "z-", "z+"
+        Faces of the box that are mirror planes; the box is then the part of the body between them.
     """
 
     kind: Literal["box"] = key("box")
@@ -185,11 +201,15 @@ class PlateWithHoleMesh(_CubicCells):
     Attributes
     ----------
     lower, upper : three floats, dimension length
-        Opposite corners of the plate. Every side is a whole number of spacings, within 1e-6 of its length.
+        Opposite corners of the plate, or of the part of it that mirror planes leave: with ``symmetry = ["x-", "y-"]``
+        a quarter of the plate, with the hole at its corner. Every side is a whole number of spacings, within 1e-6 of
+        its length.
     hole_radius : float, > 0, dimension length
         At least 2 spacings; the hole keeps at least 2 spacings from the edges in x and y.
     spacing : float, > 0, dimension length
         Edge of a cell away from the hole. Cells at the hole have edges near it.
+    symmetry : faces "x-", "x+", "y-", "y+", "z-", "z+"
+        Faces that are mirror planes. Not both of x or of y: one of them goes through the hole.
     """
 
     kind: Literal["plate_with_hole"] = key("plate_with_hole")
@@ -197,7 +217,30 @@ class PlateWithHoleMesh(_CubicCells):
 
     def problems(self) -> list[Problem]:
         """Those of a box, and a hole that fits into it."""
-        return super().problems() or self._hole_problems()
+        return super().problems() or self._mirrored_holes() or self._hole_problems()
+
+    def _mirrored_holes(self) -> list[Problem]:
+        both = [axis for axis in "xy" if {f"{axis}-", f"{axis}+"} <= set(self.symmetry)]
+        if not both:
+            return []
+        return [
+            Problem(
+                "symmetry",
+                f"= {show(self.symmetry)} has both faces of {' and of '.join(both)}, and the hole lies on a mirror "
+                f'plane. Keep "{both[0]}-" or "{both[0]}+".',
+            )
+        ]
+
+    @property
+    def whole_plate(self) -> tuple[Vector, Vector]:
+        """Corners of the plate and its mirror images in x and y, whose centre is that of the hole."""
+        corners = list(self.lower), list(self.upper)
+        for axis, (low, high) in enumerate(zip(self.lower, self.upper, strict=True)):
+            if f"{AXES[axis]}-" in self.symmetry and axis < 2:
+                corners[0][axis] = low - (high - low)
+            elif f"{AXES[axis]}+" in self.symmetry and axis < 2:
+                corners[1][axis] = high + (high - low)
+        return tuple(corners[0]), tuple(corners[1])
 
     def _hole_problems(self) -> list[Problem]:
         radius, least = self.hole_radius, HOLE_CELLS * self.spacing
@@ -210,7 +253,8 @@ class PlateWithHoleMesh(_CubicCells):
                     f"Use a spacing of at most {radius / HOLE_CELLS:.12g}, or a larger hole.",
                 )
             ]
-        half = [0.5 * (self.upper[axis] - self.lower[axis]) for axis in (0, 1)]
+        lower, upper = self.whole_plate
+        half = [0.5 * (upper[axis] - lower[axis]) for axis in (0, 1)]
         axis = int(half[1] < half[0])
         if radius > half[axis] - least + tolerance:
             return [
@@ -224,7 +268,7 @@ class PlateWithHoleMesh(_CubicCells):
         return []
 
 
-class FileMesh(Table):
+class FileMesh(_Modelled):
     """Hexahedra from a mesh file; ``[mesh]`` with ``kind = "file"``. See docs/meshes.md.
 
     Attributes
@@ -235,6 +279,8 @@ class FileMesh(Table):
         What the defaults of [peridynamics] are made of. None (default): the mean edge of the cells.
     scale : float, > 0, dimension 1
         Multiplies the file's coordinates, to have them in the deck's unit of length.
+    symmetry : faces "x-", "x+", "y-", "y+", "z-", "z+"
+        Faces of the mesh's bounding box that are mirror planes; the mesh is then the part of the body between them.
     """
 
     kind: Literal["file"] = key("file")
@@ -244,10 +290,11 @@ class FileMesh(Table):
 
     def problems(self) -> list[Problem]:
         """A suffix that tells the format."""
+        problems = self._symmetry_problems()
         if self.path.lower().endswith(MESH_SUFFIXES):
-            return []
+            return problems
         remedy = f"Give a file that ends in one of {', '.join(MESH_SUFFIXES)}."
-        return [Problem("path", f"= {show(self.path)} has a suffix of no known mesh format. {remedy}")]
+        return [*problems, Problem("path", f"= {show(self.path)} has a suffix of no known mesh format. {remedy}")]
 
 
 def _box_by_default(value: Any) -> Any:
@@ -1255,6 +1302,47 @@ def _check_tractions(regions: Sequence[Region], loads: Sequence[Any]) -> list[Pr
     ]
 
 
+def _check_mirrored_loads(mesh: Mesh, loads: Sequence[Any]) -> list[Problem]:
+    """A mirror plane is inside of the whole body: nothing pulls at it."""
+    return [
+        Problem(
+            f"loads.{index}.face",
+            f'= "{load.face}" is a mirror plane (mesh.symmetry = {show(mesh.symmetry)}), which lies inside of the '
+            "whole body. Pull at another face, or remove the mirror.",
+        )
+        for index, load in enumerate(loads)
+        if isinstance(load, Traction) and load.face in mesh.symmetry
+    ]
+
+
+def _check_mirrored_supports(mesh: Mesh, supports: Sequence[Any]) -> list[Problem]:
+    """A mirror plane stays where it is."""
+    return [
+        Problem(
+            f"supports.{index}.{support.face[0]}",
+            f'= {show(getattr(support, support.face[0]))} moves the mirror plane "{support.face}" (mesh.symmetry = '
+            f"{show(mesh.symmetry)}). Remove it, or the mirror.",
+        )
+        for index, support in enumerate(supports)
+        if support is not None and support.face in mesh.symmetry and getattr(support, support.face[0])
+    ]
+
+
+def _check_mirrored_bars(mesh: Mesh, probes: Sequence[Any]) -> list[Problem]:
+    """A bar is compared from its fixed middle, or both ends, to its upper end."""
+    problems = []
+    for index, probe in enumerate(probes):
+        if not isinstance(probe, BarProbe) or f"{probe.axis}+" not in mesh.symmetry:
+            continue
+        both = f"{probe.axis}-" in mesh.symmetry
+        why = "a bar between two mirrors has no end" if both else "the probe compares the upper end of the bar"
+        remedy = "Remove the probe" if both else f'Model the other half, with the mirror at "{probe.axis}-"'
+        problems.append(
+            Problem(f"probes.{index}.axis", f'= "{probe.axis}" ends at a mirror plane: {why}. {remedy}.')
+        )
+    return problems
+
+
 CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("material", "materials", "regions"), _check_poissons_ratio),
     (("materials",), _check_material_names),
@@ -1275,6 +1363,9 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("mesh", "regions"), functools.partial(_check_sets, "regions")),
     (("mesh", "loads"), functools.partial(_check_sets, "loads")),
     (("mesh", "supports"), functools.partial(_check_sets, "supports")),
+    (("mesh", "loads"), _check_mirrored_loads),
+    (("mesh", "supports"), _check_mirrored_supports),
+    (("mesh", "probes"), _check_mirrored_bars),
 )
 
 

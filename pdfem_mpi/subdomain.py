@@ -30,6 +30,10 @@ class Subdomain:
     free, overlap, ghosts : int64
         Owned cells with free points, owned overlap cells, ghost cells with points. Points are stored in this order.
     ghost_owner : int32, shape (n_ghosts,)
+    images : int64
+        Owned cells and ghosts whose mirror images lie within the cutoff radius; a cell may have several.
+    reflection : int64, shape (n_images,)
+        Number, from 1, of the reflection among `Discretization.reflections`.
     elements : int64
         Owned cells whose elements have an internal force.
     owned_nodes, ghost_nodes : int64
@@ -41,6 +45,8 @@ class Subdomain:
     overlap: np.ndarray
     ghosts: np.ndarray
     ghost_owner: np.ndarray
+    images: np.ndarray
+    reflection: np.ndarray
     elements: np.ndarray
     owned_nodes: np.ndarray
     ghost_nodes: np.ndarray
@@ -69,7 +75,9 @@ def partition(discretization: Discretization, n_parts: int) -> np.ndarray:
     weights[discretization.has_nodes] += ELEMENT_COST
     if discretization.has_points.any() and n_parts > 1:
         chosen = centroids[discretization.has_points]
-        counts = cKDTree(chosen).query_ball_point(chosen, discretization.cutoff, return_length=True)
+        _, _, images = near_images(discretization, chosen, chosen)
+        tree = cKDTree(np.concatenate([chosen, images]))
+        counts = tree.query_ball_point(chosen, discretization.cutoff, return_length=True)
         weights[discretization.has_points] += NEIGHBOUR_COST * counts.astype(np.int64)
     return bisect(centroids, weights, n_parts)
 
@@ -82,6 +90,7 @@ def cut_out(discretization: Discretization, owner: np.ndarray, rank: int) -> Sub
     free = order[(mine & discretization.has_points & ~discretization.is_overlap)[order]]
     overlap = order[(mine & discretization.is_overlap)[order]]
     ghosts = _ghost_cells(discretization, owner, rank, order)
+    images, reflection = _image_cells(discretization, np.concatenate([free, overlap]), ghosts)
 
     owner_of_node = np.full(len(mesh.nodes), -1, np.int32)
     carriers = np.flatnonzero(discretization.has_nodes)[::-1]
@@ -98,6 +107,8 @@ def cut_out(discretization: Discretization, owner: np.ndarray, rank: int) -> Sub
         overlap=overlap,
         ghosts=ghosts,
         ghost_owner=owner[ghosts],
+        images=images,
+        reflection=reflection,
         elements=order[(mine & discretization.has_stiffness)[order]],
         owned_nodes=owned_nodes,
         ghost_nodes=ghost_nodes,
@@ -129,6 +140,44 @@ def _ghost_cells(discretization, owner, rank, order) -> np.ndarray:
     chosen = np.zeros(len(owner), bool)
     chosen[near[keep]] = True
     return order[chosen[order]]
+
+
+def _image_cells(discretization, owned, ghosts) -> tuple[np.ndarray, np.ndarray]:
+    """Cells with a mirror image within the cutoff radius of an owned cell, or nearly so, and the reflections."""
+    if not discretization.mirrors or not len(owned):
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    centre, radius = _cell_balls(discretization)
+    cells = np.concatenate([owned, ghosts])
+    near, reflection, images = near_images(discretization, centre[cells], centre[owned], 2.0 * radius.max())
+    distance, _ = cKDTree(centre[owned]).query(images)
+    keep = distance <= discretization.cutoff + radius[cells[near]] + radius[owned].max()
+    return cells[near][keep], reflection[keep]
+
+
+def near_images(discretization, x, target, margin=0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mirror images of positions within the cutoff radius and a margin of the box around others; model units.
+
+    Parameters
+    ----------
+    x, target : float64, shapes (n, 3), (m, 3), dimension length
+    margin : float, dimension length
+
+    Returns
+    -------
+    index : int64, shape (n_images,)
+        Of the positions; reflection by reflection, each in the positions' order.
+    reflection : int64, shape (n_images,)
+        Number, from 1.
+    image : float64, shape (n_images, 3), dimension length
+    """
+    reach = discretization.cutoff + margin
+    low, high = target.min(axis=0) - reach, target.max(axis=0) + reach
+    found = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3)))]
+    for number, (sign, shift) in enumerate(zip(*discretization.reflections, strict=True), start=1):
+        image = sign * x + shift
+        index = np.flatnonzero(((image >= low) & (image <= high)).all(axis=1))
+        found.append((index, np.full(len(index), number), image[index]))
+    return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
 
 def _cell_balls(discretization) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,9 @@
 A *row* is one point ``i`` against one cluster ``J`` of four points; it is kept when at least one of the four is in
 the family of ``i``. Bonds inside a rank stand in the row of the point with the lower local index. A bond between
 two ranks stands on one of them only: on the rank of the lower-numbered cell when the sum of the two cell numbers
-is even, else on the other, which shares the boundary's bonds evenly whatever the numbering.
+is even, else on the other, which shares the boundary's bonds evenly whatever the numbering. Bonds across a mirror
+plane follow the same rule: a bond to the image of a cell and its mirror image are one bond, kept in the row of one of
+the two cells; of the bonds to images of its own cell a point keeps those to itself and to later points.
 
 Positions are in *cluster layout*: ``x[cluster][component][lane]``, flat.
 """
@@ -70,7 +72,7 @@ def find_rows(
         False: rows against owned clusters ``J >= own``. True: rows against the ghost clusters whose bonds
         this rank owns.
     cell_number : int64, shape (n_clusters / 2,)
-        Global number of the peridynamic cell of each local cell.
+        Global number of the peridynamic cell of each local cell; an image has that of its cell.
     centre, radius : float64, shapes (n_clusters, 3), (n_clusters,), dimension length
         From `cluster_balls`.
     cutoff : float, dimension length
@@ -111,7 +113,7 @@ def find_rows(
                             if c < n_owned:
                                 continue
                             other = cell_number[c // 2]
-                            if (number < other) != ((number + other) % 2 == 0):
+                            if number != other and (number < other) != ((number + other) % 2 == 0):
                                 continue
                         elif c < own or c >= n_owned:
                             continue
@@ -129,7 +131,11 @@ def find_rows(
             zi = x[12 * own + 2 * W + lane]
             for t in range(n):
                 c = candidates[t]
-                start = lane + 1 if c == own else 0
+                start = 0
+                if c == own:
+                    start = lane + 1
+                elif ghosts and cell_number[c // 2] == number:  # an image of the own cell
+                    start = max(0, W * (own % 2 - c % 2) + lane)
                 for k in range(start, W):
                     dx = x[12 * c + k] - xi
                     dy = x[12 * c + W + k] - yi

@@ -9,8 +9,10 @@ from pdfem_mpi.kernels.simd import W
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
-def add_bond_weights(row_start, row_offset, row_data, stride, x, volume, quantum, sums):
+def add_bond_weights(row_start, row_offset, row_data, stride, cell_number, x, volume, quantum, sums):
     """Add ``exp(-r0^2) w`` of the other point to both points of every bond that stands in the rows.
+
+    A bond of a point to its own mirror image counts once for the point: both of its ends are the point.
 
     Parameters
     ----------
@@ -19,6 +21,8 @@ def add_bond_weights(row_start, row_offset, row_data, stride, x, volume, quantum
         The first four numbers of a row are 0 in slots without a bond: padding, and broken bonds.
     stride : int
         Stored numbers a row.
+    cell_number : int64, shape (n_clusters / 2,)
+        Number of each local cell; an image has that of its cell.
     x : float64, shape (n_clusters * 12,), dimension length / l
         Positions in cluster layout.
     volume : float64, shape (n_clusters * 4,), dimension length^3 / l^3
@@ -40,12 +44,13 @@ def add_bond_weights(row_start, row_offset, row_data, stride, x, volume, quantum
                     r2 += (x[12 * c + W * d + k] - x[own + W * d]) ** 2
                 weight = math.exp(-r2) / quantum
                 sums[i] += np.int64(np.rint(weight * volume[W * c + k]))
-                sums[W * c + k] += np.int64(np.rint(weight * volume[i]))
+                if cell_number[c // 2] != cell_number[i // (2 * W)] or (W * c + k - i) % (2 * W):
+                    sums[W * c + k] += np.int64(np.rint(weight * volume[i]))
 
 
 _f8, _i8 = types.float64[::1], types.int64[::1]
 SIGNATURES = {
     add_bond_weights: types.void(
-        _i8, types.uint32[::1], types.float32[::1], types.int64, _f8, _f8, types.float64, _i8
+        _i8, types.uint32[::1], types.float32[::1], types.int64, _i8, _f8, _f8, types.float64, _i8
     ),
 }

@@ -57,11 +57,8 @@ def find_defects(mesh: HexMesh, node_number: np.ndarray) -> list[str]:
 
 def face_problems(mesh: HexMesh, face: str, where: str) -> list[str]:
     """Why ``face = "x+"`` of a deck selects nothing, or not all that it should; where is the table's path."""
-    axis = "xyz".index(face[0])
-    plane = (mesh.lower if face[1] == "-" else mesh.upper)[axis]
+    plane, off, nearly = _nearly_on(mesh, face)
     named = f"{where}.face = {face}"
-    off = np.abs(mesh.nodes[:, axis] - plane)
-    nearly = np.flatnonzero((off > mesh.tolerance) & (off < PLANE_TOLERANCE * mesh.average_edge))
     if len(nearly):
         return [
             f"{named} leaves out {len(nearly)} nodes that lie nearly on the plane {face[0]} = {plane:.9g}, the first "
@@ -74,6 +71,30 @@ def face_problems(mesh: HexMesh, face: str, where: str) -> list[str]:
             "ends. Choose by set."
         ]
     return []
+
+
+def mirror_problems(mesh: HexMesh, face: str) -> list[str]:
+    """Why a face of the bounding box cannot be a mirror plane: the body would not be joined to its mirror image."""
+    plane, off, nearly = _nearly_on(mesh, face)
+    if len(nearly):
+        return [
+            f"mesh.symmetry: {len(nearly)} nodes lie nearly on the mirror plane {face} at {face[0]} = {plane:.9g}, the "
+            f"first at {_place(mesh.nodes[nearly[0]])}, {off[nearly[0]]:.2g} off. Write coordinates with more digits."
+        ]
+    if not len(mesh.faces_on_face(face)[0]):
+        return [
+            f"mesh.symmetry: no face of a cell lies on the mirror plane {face} at {face[0]} = {plane:.9g}. Let the "
+            "mesh end there, or remove the plane."
+        ]
+    return []
+
+
+def _nearly_on(mesh: HexMesh, face: str) -> tuple[float, np.ndarray, np.ndarray]:
+    """Coordinate of a plane of the bounding box, distances of all nodes, and the nodes that miss it by a little."""
+    axis = "xyz".index(face[0])
+    plane = float((mesh.lower if face[1] == "-" else mesh.upper)[axis])
+    off = np.abs(mesh.nodes[:, axis] - plane)
+    return plane, off, np.flatnonzero((off > mesh.tolerance) & (off < PLANE_TOLERANCE * mesh.average_edge))
 
 
 def _repeated_nodes(mesh: HexMesh) -> np.ndarray:

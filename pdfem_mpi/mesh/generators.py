@@ -44,7 +44,7 @@ def box(lower, upper, n_cells) -> HexMesh:
     return HexMesh(nodes, cells.astype(np.int32))
 
 
-def plate_with_hole(lower, upper, hole_radius, spacing) -> HexMesh:
+def plate_with_hole(lower, upper, hole_radius, spacing, symmetry=()) -> HexMesh:
     """A plate with a circular hole through its thickness (z) at its centre (Fig. 13).
 
     Far from the hole cells are cubes of the regular grid of `box`. A square of that grid is left out at the hole, and
@@ -56,13 +56,22 @@ def plate_with_hole(lower, upper, hole_radius, spacing) -> HexMesh:
     Parameters
     ----------
     lower, upper : three floats, dimension length
-        Opposite corners; every side is a whole number of spacings.
+        Opposite corners of the plate, or of what mirror planes leave of it; every side is a whole number of spacings.
     hole_radius : float, dimension length
         At least 2 spacings, and at least 2 spacings away from the edges of the plate.
     spacing : float, dimension length
+    symmetry : faces
+        Mirror planes: of a plate mirrored at ``x-``, ``x+``, ``y-`` or ``y+`` the part that is not an image is made,
+        with the same nodes as the whole plate has there.
     """
-    lower, upper = np.asarray(lower, float), np.asarray(upper, float)
+    lower, upper = np.array(lower, float), np.array(upper, float)
     n_cells = np.rint((upper - lower) / spacing).astype(np.int64)
+    kept_side = np.array([(f"{axis}-" in symmetry) - (f"{axis}+" in symmetry) for axis in "xy"])
+    side = (upper - lower)[:2]
+    mirror = np.where(kept_side > 0, lower[:2], upper[:2])
+    lower[:2] -= np.where(kept_side > 0, side, 0.0)
+    upper[:2] += np.where(kept_side < 0, side, 0.0)
+    n_cells[:2] *= 1 + np.abs(kept_side)
     place, quads, square = _plane_cells(n_cells[:2], hole_radius / spacing)
     pitch = (upper - lower)[:2] / n_cells[:2]
     offset = _smooth(place, quads, square, n_cells[:2], pitch, hole_radius)
@@ -71,6 +80,9 @@ def plate_with_hole(lower, upper, hole_radius, spacing) -> HexMesh:
     for d in range(2):
         plane[place[:, 1 + d] == -n_cells[d], d] = lower[d]
         plane[place[:, 1 + d] == n_cells[d], d] = upper[d]
+        if kept_side[d]:
+            plane[place[:, 1 + d] == 0, d] = mirror[d]
+    plane, quads = _kept_part(plane, quads, place[:, 1:] * kept_side)
 
     t = np.arange(n_cells[2] + 1) / n_cells[2]
     z = lower[2] * (1.0 - t) + upper[2] * t
@@ -78,6 +90,15 @@ def plate_with_hole(lower, upper, hole_radius, spacing) -> HexMesh:
     layers = len(plane) * np.arange(n_cells[2])[:, None, None]
     cells = np.concatenate([quads + layers, quads + layers + len(plane)], axis=2).reshape(-1, 8)
     return HexMesh(nodes, cells.astype(np.int32))
+
+
+def _kept_part(plane: np.ndarray, quads: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and cells of the plane on the side of positive ``depth``, shape (n_nodes, 2), in both directions."""
+    quads = quads[(depth[quads] >= 0).all(axis=(1, 2))]
+    used = np.unique(quads)
+    number = np.full(len(plane), -1)
+    number[used] = np.arange(len(used))
+    return plane[used], number[quads]
 
 
 def _plane_cells(n_cells, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -79,6 +79,7 @@ class Relaxation:
         self.forces = forces
         self.inverse_mass = np.where(fixed | (mass == 0.0), 0.0, 1.0 / np.maximum(mass, 1e-300))
         self.force = np.empty_like(mass)
+        self.root_share = np.sqrt(forces.model.share) if len(forces.model.rollers) else None
 
     def evaluate(
         self, state: State, external: np.ndarray, load: float, failure: Failure | None = None
@@ -95,7 +96,8 @@ class Relaxation:
         while True:
             forces.evaluate(u, external, self.force, failure)
             digits = np.zeros((N_SUMS, SIZE), np.int64)
-            add_damping_sums(u, v, self.force, previous_force, self.inverse_mass, digits)
+            shared = u if self.root_share is None else self.root_share * u  # sums over the whole body
+            add_damping_sums(shared, v, self.force, previous_force, self.inverse_mass, digits)
             joined = sum_integers(forces.model.comm, np.concatenate([digits.reshape(-1), forces.flags()]))
             if forces.check_bounds(joined[-3:]):
                 break

@@ -10,6 +10,7 @@ import numpy as np
 from pdfem_mpi.bonds import start_sums, sums_table
 from pdfem_mpi.failure import Broken
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS
+from pdfem_mpi.images import MAGNITUDES, MIXED_PRODUCTS, halo_for
 from pdfem_mpi.kernels.failure import add_broken_blocks
 from pdfem_mpi.kernels.preconditioner import add_point_blocks
 from pdfem_mpi.model import Model, assemble
@@ -47,7 +48,7 @@ class PointBlocks:
         add_broken_blocks(
             broken.pairs, broken.strengths, model.points.x, model.bonds.finite, self.pattern, lost.reshape(-1)
         )
-        model.points.halo.scatter_reverse(lost.reshape(-1, 2, 6, 4))
+        halo_for(model.points.halo, MAGNITUDES + MIXED_PRODUCTS).scatter_reverse(lost.reshape(-1, 2, 6, 4))
         lost = lost[: len(self.sums)]
         self.sums -= lost
         return np.flatnonzero(lost.any(axis=1).reshape(-1))
@@ -62,7 +63,8 @@ def point_blocks(model: Model) -> PointBlocks:
         quantum, pattern = start_sums(T, bonds.added + bonds.taken, 2.0 * bonds.stiffest)
         for rows in bonds.rows:
             add_point_blocks(*rows.arrays, T.reshape(-1), integers, pattern, bonds.finite, mixed)
-        points.halo.scatter_reverse(integers.reshape(-1, 2, 9, 4)[:, :, 6:9])
+        halo = halo_for(points.halo, MIXED_PRODUCTS if mixed else MAGNITUDES)
+        halo.scatter_reverse(integers.reshape(-1, 2, 9, 4)[:, :, 6:9])
         halves.append(integers.reshape(-1, 9, 4)[: 2 * points.n_owned, 6:9].copy())
     return PointBlocks(np.concatenate(halves, axis=1), quantum, pattern)
 

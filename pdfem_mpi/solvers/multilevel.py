@@ -150,6 +150,7 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
         held[own_nodes] += fixed_nodes
     intact.nodes.halo.scatter_reverse(held)
     fixed = held[: intact.nodes.n_owned] > 0
+    fixed.reshape(-1)[intact.rollers] = True
     of_cycle = node_blocks(intact, None)
     stiffest = _stiffest_around(discretization, np.ones(len(cells), bool))[intact.subdomain.owned_nodes]
     spring = SPRING * float(largest(model.comm, np.array([of_cycle[:, :3].max(initial=0.0)]))[0])

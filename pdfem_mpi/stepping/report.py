@@ -32,10 +32,11 @@ class Report:
     reaction : float, dimension force
         Largest resultant of a support that moves (else of a support) or, without supports, the load.
     resultant : float64, shape (3,), dimension force
-        Sum of the forces of all supports.
+        Sum of the forces of all supports; mirror planes are none.
     convergence : Convergence
     force_balance, moment_balance : float, dimension 1
-        Net internal force and moment, relative to the sums of their magnitudes.
+        Net internal force and moment, relative to the sums of their magnitudes. Of a part between mirror planes those
+        components that the planes do not carry; the others vanish for the whole body.
     broken, new_broken : int
         Bonds broken so far, and since the row before.
     stored, dissipated, work, released : float or None, dimension force length
@@ -177,6 +178,7 @@ def balance(forces: Forces, state: State, case: LoadCase, internal: np.ndarray):
             yield size, np.abs(mode)
 
     net, gross = exact_dots(model.comm, pairs()).reshape(6, 2).T
+    net = np.where(model.mirrors.kept_motions, net, 0.0)
 
     def ratio(d):
         whole = float(gross[d].max())

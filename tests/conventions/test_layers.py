@@ -13,8 +13,8 @@ PACKAGE = Path(__file__).resolve().parents[2] / "pdfem_mpi"
 LEVELS = (
     ("hex8", "launch"),
     ("kernels", "scene", "parallel.comm", "parallel.bisection"),
-    ("deck", "materials", "mesh", "parallel.halo"),
-    ("discretization",),
+    ("deck", "materials", "mesh", "mirrors", "parallel.halo"),
+    ("discretization", "images"),
     ("bonds", "subdomain"),
     ("damage",),
     ("model", "memory"),

@@ -11,7 +11,7 @@ from pdfem_mpi import model as model_module
 from pdfem_mpi.bonds import count_by_material, total_bonds
 from pdfem_mpi.fields import fields_sha256, gather_fields
 from pdfem_mpi.parallel.comm import broadcast, mpi
-from pdfem_mpi.scene import BodyForce, Coupling, Interface, Material, Region, SceneError, Support
+from pdfem_mpi.scene import BodyForce, Coupling, Crack, Interface, Material, Region, SceneError, Support
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import follow_load_program, make_solver
@@ -74,6 +74,24 @@ SCENES |= {
         supports=(Support(face="x-", x=0.0, y=0.0, z=0.0), Support(face="x+", layers=2, x=0.01)),
     ),
 }
+OUTWARD = (
+    BodyForce(kind="body_force", face="x+", total=(1.0, 0.0, 0.0)),
+    BodyForce(kind="body_force", face="y+", total=(0.0, 0.5, 0.0)),
+)
+SCENES |= {
+    "quarter": partial(make_scene, (7, 3, 2), 0, loads=OUTWARD, symmetry=("x-", "y-")),
+    "coupled eighth, finite": partial(
+        make_scene, (8, 3, 2), 4, loads=OUTWARD, symmetry=("x-", "y-", "z+"), kinematics="finite", coupling="paper_a"
+    ),
+    "cracked half": partial(
+        make_scene,
+        (6, 3, 2),
+        0,
+        symmetry=("y-",),
+        cracks=(Crack(polygon=((2.9, -1.0, -1.0), (2.9, 1.2, -1.0), (2.9, 1.2, 3.0), (2.9, -1.0, 3.0))),),
+    ),
+    "slab of one cell between two mirrors": partial(make_scene, (7, 4, 1), 3, symmetry=("z-", "z+")),
+}
 
 
 #: Scenes and solvers that are taken to equilibrium; the others only with --all.
@@ -86,6 +104,8 @@ TO_EQUILIBRIUM = (
     ("elements", "adr"),
     ("elements", "cg"),
     ("supports", "cg"),
+    ("coupled eighth, finite", "cg"),
+    ("slab of one cell between two mirrors", "cg"),
 )
 
 
@@ -205,7 +225,10 @@ OWNERS = {
     "name",
     [
         "coupled, finite, appendix_a",
-        *(pytest.param(n, marks=pytest.mark.slow) for n in ("supports", "coupled, reading A")),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("supports", "coupled, reading A", "coupled eighth, finite")
+        ),
     ],
 )
 @pytest.mark.parametrize("owners", OWNERS)
@@ -214,6 +237,14 @@ def test_iterations_do_not_depend_on_who_owns_what(comm, monkeypatch, owners, na
     expected = on_one_rank(few_iterations, name)
     monkeypatch.setattr(model_module, "partition", OWNERS[owners])
     found = few_iterations(build(SCENES[name](), comm))
+    assert_same(comm, found, expected)
+
+
+def test_mirror_images_do_not_depend_on_who_owns_what(comm, monkeypatch):
+    """Images of own cells and of ghosts, through one, two and three planes, with cells dealt out one by one."""
+    expected = on_one_rank(few_iterations, "coupled eighth, finite")
+    monkeypatch.setattr(model_module, "partition", OWNERS["random"])
+    found = few_iterations(build(SCENES["coupled eighth, finite"](), comm))
     assert_same(comm, found, expected)
 
 

@@ -76,10 +76,13 @@ def make_scene(
     tolerance=1e-6,
     max_evaluations=20_000,
     poissons_ratio=0.25,
+    symmetry=(),
     **tables,
 ):
     """Return a scene of unit cubes with a corner at the origin: elements at small x, peridynamics at large x."""
-    tables.setdefault("mesh", BoxMesh(lower=(0.0, 0.0, 0.0), upper=tuple(map(float, cells)), spacing=1.0))
+    tables.setdefault(
+        "mesh", BoxMesh(lower=(0.0, 0.0, 0.0), upper=tuple(map(float, cells)), spacing=1.0, symmetry=symmetry)
+    )
     return Scene(
         material=Material(youngs_modulus=YOUNGS_MODULUS, poissons_ratio=poissons_ratio),
         regions=box_regions(cells, n_elements) if regions is None else regions,

@@ -1,0 +1,36 @@
+"""Failure in an eighth of a body: the same bits, and the same bonds to mirror images, on any number of ranks."""
+
+import numpy as np
+import pytest
+
+from helpers import assert_all
+from pdfem_mpi.failure import make_failure
+from pdfem_mpi.parallel.comm import mpi
+from verification.bodies import build
+from verification.test_mirrored_failure import notched, pull
+
+pytestmark = pytest.mark.mpi(min_size=2)
+
+ROWS = 8
+
+
+def test_events_and_books_do_not_depend_on_the_number_of_ranks(comm):
+    """Rows of the history, ids of broken bonds, and a run on one rank taken over by all."""
+    scene = notched(("x-", "y-", "z-"))
+    alone, books, expected = pull(scene, mpi().COMM_SELF, ROWS)
+    body, failure, rows = pull(scene, comm, ROWS)
+    pairs = np.concatenate(comm.allgather(failure.broken_pairs()))
+    told = [
+        [(row.event, row.load_factor, row.reaction, row.broken, row.stored, row.released) for row in history]
+        for history in (rows, expected)
+    ]
+    again = build(scene, comm)
+    taken = make_failure(scene, again.discretization, again.model)
+    taken.restore(again.model, books.broken_pairs(), books.dissipated_digits)
+    restored = np.concatenate(comm.allgather(taken.broken_pairs()))
+    assert_all(comm, told[0] == told[1], "histories differ")
+    one = np.unique(books.broken_pairs(), axis=0).tolist()
+    assert_all(comm, len(pairs) == len(one) and np.unique(pairs, axis=0).tolist() == one, "broken bonds differ")
+    assert_all(comm, len(restored) == len(one) and np.unique(restored, axis=0).tolist() == one, "restored bonds differ")
+    assert_all(comm, (taken.count, taken.dissipated) == (books.count, books.dissipated), "books differ")
+    assert_all(comm, alone.forces.evaluations == body.forces.evaluations, "evaluations differ")

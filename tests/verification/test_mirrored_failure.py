@@ -1,0 +1,144 @@
+"""Failure in a part of a symmetric body: the same events as in the whole body, and its bonds in the books.
+
+Oracle: the whole body. A plate with a crack on one mirror plane and across the other is pulled apart.
+"""
+
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from pdfem_mpi.failure import make_failure
+from pdfem_mpi.fields import gather_damage, point_positions
+from pdfem_mpi.scene import BoxMesh, Crack, Events, Material, Output, Peridynamics, Region, Scene, Solver, Support
+from pdfem_mpi.solvers.blocks import point_blocks
+from pdfem_mpi.stepping import follow_load_program, make_solver
+from verification.bodies import build
+
+UPPER = (3.0, 3.0, 1.0)
+EQUILIBRIA = 1e-6  # relative: energies and loads of states relaxed to a residual of ARREST
+ARREST = 1e-9
+ROWS = 30  # of several hundred: later, bonds that are tied up to round-off break one batch sooner or later
+#: Its ends are no midpoints of bonds, which round-off would cut on one side only.
+CRACK = Crack(polygon=((0.0, -1.13, -9.0), (0.0, 1.13, -9.0), (0.0, 1.13, 9.0), (0.0, -1.13, 9.0)))
+
+
+def notched(faces):
+    """6 x 6 x 2 cells about the origin, or the part that mirror planes at 0 leave, pulled along x."""
+    lower = tuple(0.0 if f"{axis}-" in faces else -high for axis, high in zip("xyz", UPPER, strict=True))
+    return Scene(
+        mesh=BoxMesh(lower=lower, upper=UPPER, spacing=1.0, symmetry=faces),
+        material=Material(youngs_modulus=1000.0, critical_stretch=0.01),
+        regions=(Region(name="all", model="peridynamics"),),
+        peridynamics=Peridynamics(kinematics="linear"),
+        cracks=(CRACK,),
+        supports=tuple(Support(face=f, x=s) for f, s in (("x+", 0.05), ("x-", -0.05)) if f not in faces),
+        solver=Solver(kind="cg", tolerance=1e-9),
+        stepping=Events(kind="events", report_every=1, arrest_tolerance=ARREST),
+    )
+
+
+def pull(scene, comm=None, n_rows=ROWS):
+    """The body, its books and the first rows of its history."""
+    body = build(scene, comm)
+    failure = make_failure(scene, body.discretization, body.model)
+    solver = make_solver(scene, body.discretization, body.forces, body.case, pytest.fail)
+    return body, failure, list(
+        islice(follow_load_program(scene, solver, failure, body.state, body.case), n_rows)
+    )
+
+
+def broken_bonds(body, failure):
+    """Both ends of each broken bond, deck units, folded into the part between the mirror planes; sorted, rounded."""
+    x = point_positions(body.discretization)
+    sign, shift = body.discretization.reflections
+    units = body.discretization.units
+    sign, shift = np.concatenate([np.ones((1, 3)), sign]), np.concatenate([np.zeros((1, 3)), shift * units.length])
+    ends = []
+    for ids in failure.broken_pairs().T:
+        reflection, point = ids // len(x), ids % len(x)
+        ends.append(sign[reflection] * (x[point] - units.origin) + shift[reflection] + units.origin)
+    folded = set()
+    for a, b in zip(*ends, strict=True):
+        images = [(s * a, s * b) for s in np.array(np.meshgrid([1, -1], [1, -1], [1, -1])).reshape(3, 8).T]
+        pairs = [sorted(tuple(np.round(end, 6) + 0.0) for end in pair) for pair in images]
+        folded.add(tuple(max(pairs)))
+    return folded
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return pull(notched(()))
+
+
+@pytest.mark.parametrize("faces", [("x-", "y-"), ("x-", "y-", "z-")], ids="".join)
+def test_events_are_those_of_the_whole_body(whole, faces):
+    """Loads, energies and broken bonds of every batch, arrest and next break."""
+    n = 2 ** len(faces)
+    body, failure, rows = pull(notched(faces))
+    of_whole, expected = whole[1], whole[2]
+    assert [row.event for row in rows] == [row.event for row in expected] and len(rows) == ROWS
+    assert rows[-1].broken > 5 and rows[-1].dissipated > 0.0
+    for row, other in zip(rows, expected, strict=True):
+        assert row.load_factor == pytest.approx(other.load_factor, rel=EQUILIBRIA)
+        assert n * row.stored == pytest.approx(other.stored, rel=EQUILIBRIA)
+        assert n * row.dissipated == pytest.approx(other.dissipated, rel=EQUILIBRIA)
+        assert n * row.released == pytest.approx(other.released, rel=1e3 * EQUILIBRIA)
+        assert abs(row.ledger_error) < 1e-12
+        assert n / 2 * row.reaction == pytest.approx(other.reaction, rel=10 * EQUILIBRIA)
+    assert broken_bonds(body, failure) == broken_bonds(whole[0], of_whole)
+    assert of_whole.count / n <= failure.count <= of_whole.count
+
+
+def test_images_fail_like_their_cells():
+    """Critical stretches go by regions; those of images are those of their cells."""
+    cells = (
+        Region(name="left", model="peridynamics", upper=(1.0, 9.0, 9.0)),
+        Region(name="right", model="peridynamics", lower=(1.0, -9.0, -9.0), may_fail=False),
+    )
+    body = build(notched(("x-", "y-", "z-")).model_copy(update={"regions": cells}), loaded=False)
+    images = body.model.points.images
+    classes = make_failure(body.scene, body.discretization, body.model).class_of.reshape(-1, 2)
+    of_images = classes[len(classes) - len(images.source) :]
+    assert (of_images == classes[images.source]).all() and len(np.unique(of_images)) == 2
+
+
+def test_blocks_of_points_lose_the_bonds_that_broke():
+    """3x3 blocks of the preconditioner, renewed for broken bonds to images, against a new sum over what is left."""
+    body = build(notched(("x-", "y-", "z-")))
+    failure, u = make_failure(body.scene, body.discretization, body.model), body.state.u
+    blocks = point_blocks(body.model)
+    before = blocks.sums.copy()
+    u[:] = body.of_positions(lambda x: 0.05 * np.sin(x + x[:, [1, 2, 0]]))
+    body.forces.evaluate_surely(u, np.zeros_like(u), np.empty_like(u), failure)
+    assert failure.close(body.model) > 1000
+    blocks.take_out(body.model, failure.take())
+    assert (blocks.sums == point_blocks(body.model).sums).all() and (blocks.sums != before).any()
+
+
+@pytest.mark.parametrize("faces", [("x-", "y-", "z-"), ("y-",)], ids="".join)
+def test_local_damage_is_that_of_the_whole_body(faces):
+    """Eq. (5) beside the crack: bonds to images count, that of a point to its own image once."""
+    damage = {}
+    for chosen in ((), faces):
+        body = build(notched(chosen).model_copy(update={"output": Output(damage=True)}), loaded=False)
+        by_id = gather_damage(body.discretization, body.model)
+        places = np.round(point_positions(body.discretization), 6) + 0.0
+        damage[chosen] = dict(zip(map(tuple, places.tolist()), by_id.tolist(), strict=True))
+    assert all(value == pytest.approx(damage[()][place], abs=1e-9) for place, value in damage[faces].items())
+    assert max(damage[faces].values()) > 0.3
+
+
+def test_broken_bonds_to_images_are_restored_from_the_books():
+    """Bonds of a point to another, to its image and to those of others have ids of their own."""
+    scene = notched(("x-", "y-", "z-"))
+    body, failure, _ = pull(scene)
+    pairs = failure.broken_pairs()
+    assert len(np.unique(pairs, axis=0)) == failure.count
+    assert (pairs // (8 * body.discretization.n_point_cells)).any(), "no bond to an image broke"
+    again = build(scene)
+    books = make_failure(scene, again.discretization, again.model)
+    books.restore(again.model, pairs, failure.dissipated_digits)
+    assert (books.count, books.dissipated) == (failure.count, failure.dissipated)
+    again.forces.bounds.bond = body.forces.bounds.bond
+    assert again.internal(body.state.u).tolist() == body.internal(body.state.u).tolist()
