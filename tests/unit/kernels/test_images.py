@@ -117,7 +117,8 @@ def test_each_bond_across_mirror_planes_is_found_once(faces):
     arrays = (start, offset, data)
     material, counts = np.zeros(len(number), np.int16), np.zeros((1, 1), np.int64)
     families.fill_rows(
-        *arrays, flat, np.ones(4 * n_clusters), np.empty(0), np.ones((1, 1)), material, cutoff, True, np.zeros(2), counts
+        *arrays, flat, np.ones(4 * n_clusters), np.empty(0), np.ones((1, 1)), material, cutoff, True, np.zeros(2),
+        counts,
     )
     share_own_images(*arrays, number, material, True, counts)
     found, weight = {}, 0.0
