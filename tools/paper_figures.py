@@ -41,7 +41,7 @@ class Picture:
         try:
             if problem[0] is None:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
-                self.figure.savefig(self.path, format="png")
+                self.figure.savefig(self.path, format="png", bbox_inches="tight", pad_inches=0.1)
         finally:
             self.context.__exit__(None, None, None)
 
@@ -55,6 +55,12 @@ def curve(panel, x, y, number, label, line="-", marker=True, **options):
     panel.plot(x, y, **(style | options))
 
 
+def below(picture: Picture) -> None:
+    """One legend for all panels, under them, where it covers no curve."""
+    handles = picture.panels[0].get_legend_handles_labels()[0]
+    picture.figure.legend(handles=handles, loc="outside lower center", ncols=5, frameon=False, fontsize=9)
+
+
 def locality(path: Path, stored: Sequence[tuple[float, np.ndarray, np.ndarray]]) -> None:
     """Fig. 2: response per unit stretch against distance, of the program's bonds and by eq. 2.
 
@@ -65,12 +71,15 @@ def locality(path: Path, stored: Sequence[tuple[float, np.ndarray, np.ndarray]])
     with Picture(path, "Locality of the response (Fig. 2, eq. 2)") as picture:
         left, right = picture.panels
         for number, (length, r, response) in enumerate(stored):
-            x = np.linspace(0.0, 3.2, 200)
+            x = np.linspace(0.0, 5.2, 300)
             y = 9.0 / (math.pi * length**4) * np.exp(-((x / length) ** 2))
             colour, shape = CURVES[number]
             for panel, scale in ((left, 1.0), (right, y[0])):
                 panel.plot(x, y / scale, color=colour, linewidth=1.3)
-                panel.plot(r, response / scale, linestyle="none", color=colour, marker=shape, markersize=4)
+                every = max(1, len(r) // 18)
+                panel.plot(
+                    r[::every], response[::every] / scale, linestyle="none", color=colour, marker=shape, markersize=4.5
+                )
             left.plot([], [], color=colour, marker=shape, label=f"$l$ = {length:g} $\\Delta$")
         left.set_ylabel("response per unit stretch $c\\,e^{-(r/l)^2}$  ($k/\\Delta^4$)")
         left.set_yscale("log")
@@ -88,7 +97,8 @@ def bond_law(path: Path, stretch: np.ndarray, force: np.ndarray, limit: float) -
     with Picture(path, "Response of one bond (Figs 4 and 5)") as picture:
         left, right = picture.panels
         broken = stretch > limit
-        left.plot(100 * stretch, np.where(broken, 0.0, stretch / limit), color="black", linewidth=1.2, label="eqs 2, 4")
+        corners = [0.0, 100 * limit, 100 * limit, 100 * stretch[-1]]
+        left.plot(corners, [0.0, 1.0, 0.0, 0.0], color="black", linewidth=1.2, label="eqs 2, 4")
         left.plot(
             100 * stretch[~broken],
             force[~broken],
@@ -98,8 +108,7 @@ def bond_law(path: Path, stretch: np.ndarray, force: np.ndarray, limit: float) -
             markersize=4,
             label="bond of the program",
         )
-        left.axvline(100 * limit, color="#555555", linestyle="--", linewidth=1.0)
-        left.annotate("$s_0$", (100 * limit, 0.05), xytext=(4, 0), textcoords="offset points")
+        left.annotate("$s_0$", (100 * limit, 0.5), xytext=(6, 0), textcoords="offset points", fontsize=12)
         left.set_xlabel("stretch $s$ (%)")
         left.set_ylabel("force over its largest value")
         left.set_title("Fig. 4: linear to $s_0$ = .0025, then gone")
@@ -113,7 +122,7 @@ def bond_law(path: Path, stretch: np.ndarray, force: np.ndarray, limit: float) -
         )
         right.set_xlabel("distance of two points $r/l$")
         right.set_ylabel("response per unit stretch ($k/l^4$)")
-        right.set_title("Fig. 5: constant stretch, both with the same bulk modulus")
+        right.set_title("Fig. 5: constant stretch, same bulk modulus")
         right.legend(fontsize=9)
 
 
@@ -150,17 +159,18 @@ def bar_mesh(path: Path, overrides: Sequence[str]) -> None:
         whole, part = picture.panels
         for panel in picture.panels:
             _cells(panel, "bar_tension.toml", overrides, linewidth=0.25)
-        whole.set_xlim(-5.6, 5.6)
-        whole.set_ylim(-0.45, 0.45)
+        whole.set_xlim(-6.0, 6.0)
+        whole.set_ylim(-0.5, 1.1)
+        whole.set_yticks([-0.2, 0.2])
         for x, sign, text in ((-5.0, -1, "traction\n1600 lb"), (5.0, 1, "body force\n1600 lb")):
             whole.annotate(
                 "", (x + 0.55 * sign, 0), (x, 0), arrowprops={"arrowstyle": "-|>", "color": "black", "linewidth": 1.5}
             )
-            whole.annotate(text, (x + 0.1 * sign, 0.25), ha="right" if sign < 0 else "left", va="bottom", fontsize=8)
+            whole.annotate(text, (x + 0.3 * sign, 0.3), ha="center", va="bottom", fontsize=8)
         part.set_xlim(-1.2, 1.2)
         part.set_ylim(-0.22, 0.22)
-        part.set_title("its middle")
-        whole.legend(loc="upper center", ncols=3, fontsize=9, bbox_to_anchor=(0.5, 1.9), frameon=False)
+        part.set_title("its middle; the overlap is one layer of cells")
+        whole.legend(loc="upper center", ncols=3, fontsize=9, frameon=False)
 
 
 def bar_displacements(path: Path, lines: Sequence[tuple[str, int, str, np.ndarray, np.ndarray]], strain: float) -> None:
@@ -186,7 +196,7 @@ def bar_displacements(path: Path, lines: Sequence[tuple[str, int, str, np.ndarra
             panel.set_xlabel("$x$ (in)")
             panel.axvline(0.0, color="#555555", linestyle=":", linewidth=1.0)
         left.annotate("interface", (0.0, left.get_ylim()[0]), xytext=(3, 4), textcoords="offset points", fontsize=8)
-        left.legend(fontsize=8.5)
+        below(picture)
 
 
 def plate_mesh(path: Path, overrides: Sequence[str]) -> None:
@@ -221,12 +231,14 @@ def plate_lines(path: Path, lines: Sequence[tuple[str, int, str, dict]]) -> None
             panel.set_ylabel(f"${component}$ ($10^{{-3}}$ in)")
             for x in (-2.0, 2.0):
                 panel.axvline(x, color="#555555", linestyle=":", linewidth=1.0)
-        picture.panels[0].legend(fontsize=8.5)
+        below(picture)
         picture.panels[0].set_title("horizontal")
         picture.panels[1].set_title("vertical (dotted lines: interfaces of the coupled plate)")
 
 
-def surface_correction(path: Path, left_over: dict[int, float], depth: np.ndarray, factors: np.ndarray) -> None:
+def surface_correction(
+    path: Path, left_over: dict[int, float], depth: np.ndarray, factors: np.ndarray, cells: int
+) -> None:
     """Appendix A: the largest difference that is left, sweep by sweep, and the factors beneath a face.
 
     Parameters
@@ -234,22 +246,23 @@ def surface_correction(path: Path, left_over: dict[int, float], depth: np.ndarra
     left_over : dict from sweeps to the largest ``|G / g_inf - 1|``
     depth : distances of the layers from the face, in cells
     factors : shape (n, 2), ``g_c`` across and along the face after 20 sweeps
+    cells : edge of the block
     """
-    with Picture(path, "Surface correction of appendix A: a block of 12 x 12 x 12 cells") as picture:
+    with Picture(path, f"Surface correction of appendix A: a block of {cells} x {cells} x {cells} cells") as picture:
         left, right = picture.panels
-        curve(left, list(left_over), [100 * value for value in left_over.values()], 1, "all points, three directions")
+        curve(left, list(left_over), [100 * value for value in left_over.values()], 1, "")
         left.axvline(20, color="#555555", linestyle="--", linewidth=1.0)
-        left.annotate("paper: 20 sweeps", (20, 30), xytext=(4, 0), textcoords="offset points", fontsize=9)
+        left.annotate("paper: 20 ", (20, 30), ha="right", fontsize=9)
         left.set_yscale("log")
         left.set_xlabel("sweeps of the iteration (A8)-(A11)")
         left.set_ylabel("largest $|G/g_\\infty - 1|$ left (%)")
-        left.set_title("convergence: .85 a sweep")
+        left.set_title("worst of all points and directions")
         for column, name in enumerate(("across the face", "along the face")):
             curve(right, depth, factors[:, column], column, f"$g_c$ {name}")
         right.axhline(1.0, color="black", linewidth=0.8)
         right.set_xlabel("depth of the point beneath the middle of a face ($\\Delta$)")
         right.set_ylabel("correction factor $g_c$ (A11)")
-        right.set_title(f"deep inside {factors[-1, 0]:.3f}: why peridynamic bodies are 5 % soft")
+        right.set_title(f"deep inside $g_c$ = {factors[-1, 0]:.3f}, not 1")
         right.legend(fontsize=9)
 
 
@@ -259,12 +272,22 @@ def poissons_ratios(path: Path, curves: dict[str, tuple[np.ndarray, np.ndarray]]
         (panel,) = picture.panels
         for number, (label, (x, y)) in enumerate(curves.items()):
             curve(panel, x, y, number, label)
-        for value, text in ((1 / 3, "1/3, two dimensions"), (1 / 4, "1/4, the theory's value")):
+        for value, text in ((1 / 3, "1/3, two dimensions"), (1 / 4, "1/4, three dimensions")):
             panel.axhline(value, color="black", linewidth=1.0, linestyle="--")
-            panel.annotate(text, (0.99, value), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=9)
+            panel.annotate(
+                text,
+                (0.99, value),
+                xycoords=("axes fraction", "data"),
+                xytext=(0, -3),
+                textcoords="offset points",
+                ha="right",
+                va="top",
+                fontsize=9,
+            )
+        panel.set_ylim(0.225, 0.345)
         panel.set_xlabel("thickness (in)")
         panel.set_ylabel("$\\nu = -(u_y/y)/(u_x/x)$ at $x_0$ (B3)")
-        panel.legend(fontsize=9, loc="center right")
+        panel.legend(fontsize=9, loc=(0.6, 0.5))
 
 
 def displacements_at_x0(
@@ -288,17 +311,8 @@ def displacements_at_x0(
             panel.set_xlabel(along)
             panel.set_ylabel(f"$u_{'xy'[component]}$ at $x_0$ ($10^{{-3}}$ in)")
             if paper is not None:
-                panel.axvline(paper, color="#555555", linestyle="--", linewidth=1.0)
-                panel.annotate(
-                    "paper's choice",
-                    (paper, 0.97),
-                    xycoords=("data", "axes fraction"),
-                    xytext=(3, 0),
-                    textcoords="offset points",
-                    fontsize=9,
-                    va="top",
-                )
-        picture.panels[0].legend(fontsize=8.5)
+                panel.axvline(paper, color="#555555", linestyle="--", linewidth=1.0, label="paper's choice")
+        below(picture)
 
 
 def stored_responses(body_bonds, volume: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:

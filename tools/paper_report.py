@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import paper_figures as draw
-from paper_cases import STRAIN, X0, Y0, Result, Series, results
+from paper_cases import COARSE_CORNERS, STRAIN, X0, Y0, Result, Series, results
 from paper_rows import EQUATIONS, FIGURES
 
 from pdfem_mpi import bonds as bonds_module
@@ -22,6 +22,7 @@ from verification.measure import (
     damage_by_layer,
     largest_eigenvalue,
     lattice_constants,
+    lattice_of,
     release_rate_inside,
 )
 from verification.patch import BLOCKS, STRAINS, block, patch_test
@@ -33,6 +34,7 @@ BAR_STRAIN = 1.0e-3
 READINGS = {"paper": "reading B", "paper_a": "reading A"}
 SWEEPS = (1, 2, 3, 4, 5, 6, 8, 10, 11, 12, 15, 18, 21, 25, 31)  # a sweep tells what was left before it
 FEW_SWEEPS = (1, 6, 11, 21)
+PLATE_OVERRIDES = ["mesh.spacing=0.2", *(f"regions.{name}={corner}" for name, corner in COARSE_CORNERS.items())]
 CAPTIONS = {
     "paper_02.png": "Fig. 2. Response per unit stretch against distance.",
     "paper_04_05.png": "Figs 4 and 5. One bond pulled beyond the critical stretch; response under constant stretch.",
@@ -126,6 +128,10 @@ def _small_bodies(found: Found, figures: Path, full: bool) -> dict[str, object]:
         "lattice_none": lattice["none"][0],
         "lattice_a": lattice["appendix_a"][0],
         "lattice_nu": lattice["appendix_a"][1],
+        "lattice_short": ", ".join(
+            "E/E0 = {:.2f}, nu = {:.3f} at l = {:g} Delta".format(*lattice_of(length), length)
+            for length in (0.75, 0.5, 0.4, 0.3)
+        ),
         "damage_first": layers[0],
         "damage_second": layers[1],
         "damage_third": layers[2],
@@ -166,6 +172,7 @@ def _appendix_a(found: Found, figures: Path, full: bool) -> dict[str, object]:
         {sweeps: value for sweeps, value in left_over.items() if sweeps + 1 in SWEEPS},
         depth[order, 0],
         vectors[usual][order][:, :2],
+        n,
     )
     face, edge, corner, inside = ((True, False, False), (True, True, False), (True,) * 3, (False,) * 3)
     before = 1.0 / vectors[1]
@@ -225,7 +232,7 @@ def _plate(found: Found, figures: Path, full: bool) -> dict[str, object]:
     curves += [("coupled, reading B", 2, "-", coupled["paper"]), ("coupled, reading A", 3, "--", coupled["paper_a"])]
     lines = [(label, number, style, result.line("bottom")) for label, number, style, result in curves]
     draw.plate_lines(figures / "paper_15.png", lines)
-    draw.plate_mesh(figures / "paper_13_14.png", [] if full else ["mesh.spacing=0.1"])
+    draw.plate_mesh(figures / "paper_13_14.png", [] if full else PLATE_OVERRIDES)
     reference = lines[0][3]
 
     def gap(number, component):
@@ -323,7 +330,7 @@ def _internal_lengths(found: Found, figures: Path, full: bool) -> dict[str, obje
     members = found["b5_internal_length"]
     x = np.array([float(member.values["peridynamics.internal_length"]) for member in members])
     u = np.array([_at_x0(member) for member in members])
-    cells = 10 if full else 4
+    cells = 10 if full else 2
     title = (
         f"Plate of appendix B, {cells} cells thick: displacements at (2.5, 1, 0) in against internal length (Fig. B5)"
     )

@@ -328,9 +328,12 @@ FIGURES = (
         "l = 0.08 in = Delta",
         "u_x over elements' {length_table}",
         "1",
-        "settles as printed, but short l gains stiffness (E/E0 above 1 at l = .5 Delta) and loses Poisson's ratio: "
-        "appendix A restores the response of a Gauss sum that sees little",
-        (f"{APPENDIX_B}::test_displacements_settle_from_an_internal_length_of_a_cell_on",),
+        "settles as printed, but short l gains stiffness and loses Poisson's ratio: the Gauss lattice by itself has "
+        "{lattice_short}, without correction; it loses stiffness only below .4 Delta",
+        (
+            f"{APPENDIX_B}::test_displacements_settle_from_an_internal_length_of_a_cell_on",
+            f"{APPENDIX_B}::test_short_internal_lengths_stiffen_the_gauss_lattice",
+        ),
     ),
 )
 
@@ -502,7 +505,7 @@ EQUATIONS = (
     EquationRow(
         "23",
         "points outside and inside of the overlap",
-        ("model.py:Points",),
+        ("bonds.py:Points",),
         ("unit/test_discretization.py::test_reading_b_gives_the_overlap_points_and_no_stiffness",),
         "",
     ),
