@@ -366,6 +366,8 @@ def follow(
         overwrite = bool(_summary(place)) and outcomes[number].exit_code != EXIT_STOPPED
         code, line = start(member, place, overwrite)
         outcomes[number] = _judge(member, place, code, line)
+        if interruption.signal is not None and outcomes[number].status == "failed":
+            outcomes[number] = Outcome("stopped", EXIT_STOPPED, "by a signal to the study")
         tell(f"{position}: {_told(outcomes[number])}")
         update(outcomes)
     return outcomes

@@ -18,7 +18,7 @@ from pdfem_mpi.results.plots import STYLE
 from pdfem_mpi.results.study import CURVES
 
 ROOT = Path(__file__).resolve().parent.parent
-DPI = 110
+DPI, LAYOUT = 110, "constrained"
 CUTOFF = 2.5
 NAMES = {"finite elements": CURVES[0], "peridynamics": CURVES[1], "coupled": CURVES[2]}
 REGIONS = {"finite elements": "#cfe3f2", "overlap": "#7fd0b5", "peridynamics": "#f7d9c4", "no-failure band": "#f3e6a8"}
@@ -27,10 +27,13 @@ REGIONS = {"finite elements": "#cfe3f2", "overlap": "#7fd0b5", "peridynamics": "
 class Picture:
     """A figure with panels side by side that is saved when the block ends."""
 
-    def __init__(self, path: Path, title: str, columns: int = 2, size=(9.0, 3.9), rows: int = 1, **options):
+    def __init__(
+        self, path: Path, title: str, columns: int = 2, size=(9.0, 3.9), rows: int = 1, cut: bool = False, **options
+    ):
+        self.cut = {"bbox_inches": "tight", "pad_inches": 0.1} if cut else {}  # equal axes leave room, and draws twice
         self.path, self.context = path, matplotlib.rc_context(STYLE | {"font.size": 10, "axes.titlesize": 10.5})
         self.context.__enter__()
-        self.figure = Figure(figsize=size, dpi=DPI, layout="constrained")
+        self.figure = Figure(figsize=size, dpi=DPI, layout=LAYOUT)
         self.panels = self.figure.subplots(rows, columns, squeeze=False, **options).reshape(-1)
         self.figure.suptitle(title, fontsize=11.5)
 
@@ -41,7 +44,7 @@ class Picture:
         try:
             if problem[0] is None:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
-                self.figure.savefig(self.path, format="png", bbox_inches="tight", pad_inches=0.1)
+                self.figure.savefig(self.path, format="png", **self.cut)
         finally:
             self.context.__exit__(None, None, None)
 
@@ -155,7 +158,7 @@ def _cells(panel, deck: str, overrides: Sequence[str], axes=(0, 1), linewidth=0.
 
 def bar_mesh(path: Path, overrides: Sequence[str]) -> None:
     """Fig. 11: the coupled bar's cells and loads."""
-    with Picture(path, "Cells and loads of the coupled bar (Fig. 11)", 1, (9.0, 3.6), rows=2) as picture:
+    with Picture(path, "Cells and loads of the coupled bar (Fig. 11)", 1, (9.0, 3.6), rows=2, cut=True) as picture:
         whole, part = picture.panels
         for panel in picture.panels:
             _cells(panel, "bar_tension.toml", overrides, linewidth=0.25)
@@ -202,7 +205,7 @@ def bar_displacements(path: Path, lines: Sequence[tuple[str, int, str, np.ndarra
 def plate_mesh(path: Path, overrides: Sequence[str]) -> None:
     """Figs 13 and 14: dimensions, regions and cells of the plate."""
     title = "Regions and cells of the plate with a cutout (Figs 13 and 14)"
-    with Picture(path, title, 2, (10.0, 3.9), width_ratios=(2.1, 1.0)) as picture:
+    with Picture(path, title, 2, (10.0, 3.9), cut=True, width_ratios=(2.1, 1.0)) as picture:
         whole, part = picture.panels
         _cells(whole, "plate_coupled.toml", overrides, linewidth=0.12)
         _cells(part, "plate_coupled.toml", overrides, linewidth=0.4)

@@ -81,6 +81,7 @@ FIGURES = (
         "Delta, {release_more:.3f} with l = 1.5 Delta",
         (
             f"{RESPONSE}::test_fracture_energy_formula",
+            f"{RESPONSE}::test_critical_stretch_of_a_fracture_energy",
             f"{RESPONSE}::test_release_rate_of_a_cut_plane_approaches_the_formula",
             f"{RESPONSE}::test_fracture_energy_of_a_plate_is_that_of_its_own_bonds",
             f"{BOND_KERNELS}::test_bonds_beyond_the_critical_stretch_break",
@@ -362,7 +363,7 @@ EQUATIONS = (
     EquationRow(
         "4",
         "failure",
-        ("kernels/peridynamics.py:_finite_sweep",),
+        ("kernels/peridynamics.py:_finite_sweep", "failure.py:Failure"),
         (
             f"{BOND_KERNELS}::test_bonds_beyond_the_critical_stretch_break",
             f"{BOND_KERNELS}::test_bonds_at_the_critical_stretch_hold",
@@ -396,7 +397,7 @@ EQUATIONS = (
     EquationRow(
         "8",
         "force across a section, peridynamic",
-        ("stepping.py:_balance",),
+        ("stepping/report.py:support_resultants",),
         (f"{COUPLING}::test_bar_clamped_at_its_elements_and_pulled_at_its_points",),
         "reactions are sums over held volumes",
     ),

@@ -248,18 +248,20 @@ STAND_IN = """#!{python}
 import signal, sys, time
 def stop(number, frame):
     sys.exit(75)
-signal.signal(signal.SIGTERM, stop)
-signal.signal(signal.SIGUSR1, stop)
+if {minds}:
+    signal.signal(signal.SIGTERM, stop)
+    signal.signal(signal.SIGUSR1, stop)
 open({ready!r}, "w").close()
 time.sleep(60)
 """
 
 
+@pytest.mark.parametrize("minds", [True, False], ids=["writes a checkpoint", "is killed by it"])
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGUSR1, signal.SIGINT], ids=lambda n: n.name)
-def test_a_signal_is_passed_on_and_ends_the_study(tmp_path, monkeypatch, number):
+def test_a_signal_is_passed_on_and_ends_the_study(tmp_path, monkeypatch, number, minds):
     """The member that runs is asked to stop, no other is started, and the exit code says that it can go on."""
     program, ready = tmp_path / "python", tmp_path / "ready"
-    program.write_text(STAND_IN.format(python=sys.executable, ready=str(ready)))
+    program.write_text(STAND_IN.format(python=sys.executable, ready=str(ready), minds=minds))
     program.chmod(0o755)
     monkeypatch.setattr(study.sys, "executable", str(program))
 
