@@ -41,8 +41,8 @@ class Series:
 
 def make_series(full: bool) -> list[Series]:
     """All series, cheap ones first."""
-    bar = () if full else ("mesh.spacing=0.2",)
-    plate = () if full else ("mesh.spacing=0.2",)
+    bar = () if full else ("mesh.spacing=0.2", "probes.axis.n=51")
+    plate = () if full else ("mesh.spacing=0.2", "probes.bottom.n=91")
     # with cells of 0.2 in, interfaces at 2 would not lie between cells
     moved = () if full else tuple(f"regions.{name}={corner}" for name, corner in COARSE_CORNERS.items())
     quiet = ("output.fields=false", "output.figures=false")
