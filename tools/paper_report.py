@@ -77,8 +77,9 @@ def _materials() -> str:
 
 
 def _failure() -> str:
-    deck = ROOT / "jobs" / "plate_cutout.toml"
-    return f"`jobs/{deck.name}` runs it; no figure of it is drawn here yet" if deck.exists() else "not run"
+    if (ROOT / "docs" / "failure.md").exists():
+        return "see failure: `docs/failure.md`"
+    return "`jobs/plate_cutout.toml` runs it and draws its damage; nothing is compared with the paper here yet"
 
 
 def _small_bodies(found: Found, figures: Path, full: bool) -> dict[str, object]:
