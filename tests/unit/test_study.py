@@ -3,10 +3,13 @@
 import csv
 import json
 import os
+import re
+import shlex
 import signal
 import sys
 import threading
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib.image
@@ -76,6 +79,20 @@ def go(folder, runs, *texts, tell=None, overrides=(), **options):
 def rows_of(folder):
     with open(folder / "study.csv", newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
+
+
+def test_studies_in_the_comments_of_decks_are_sound():
+    """Commands that a reader copies from jobs/: every member is a deck without problems."""
+    counts = []
+    for deck in sorted((ROOT / "jobs").glob("*.toml")):
+        lines = deck.read_text(encoding="utf-8").splitlines()
+        comment = "\n".join(line.lstrip("# ") for line in lines if line.startswith("#"))
+        for command in re.findall(r"pdfem study .*", comment.replace("\\\n", " ")):
+            words = shlex.split(command)
+            axes = parse_axes([after for word, after in pairwise(words) if word == "--vary"])
+            overrides = [after for word, after in pairwise(words) if word == "--set"]
+            counts.append(len(make_members(ROOT / words[2], axes, overrides)))
+    assert len(counts) >= 3 and min(counts) >= 2  # those of appendix B
 
 
 def test_all_combinations_the_last_axis_fastest():

@@ -200,3 +200,5 @@ def test_damage_without_and_with_all_bonds():
     for rows in model.bonds.rows:
         rows.data[:] = 0.0
     assert (damage() == 1.0).all()
+    never_any = np.zeros_like(model.intact_weights)
+    assert not local_damage(model.comm, model.points, model.bonds, never_any).any()
