@@ -50,8 +50,8 @@ CAPTIONS = {
 }
 
 
-def write_report(path: Path, figures: Path, series: list[Series], runs: Path, full: bool) -> list[str]:
-    """Measure, draw, and write the document. Returns what could not be made, one sentence each."""
+def unfinished(series: list[Series], runs: Path) -> list[str]:
+    """Which series lack runs, one sentence each."""
     found = results(series, runs)
     missing = [f"series {item.name} has no finished run" for item in series if item.name not in found]
     missing += [
@@ -59,13 +59,18 @@ def write_report(path: Path, figures: Path, series: list[Series], runs: Path, fu
         for item in series
         if item.name in found and len(found[item.name]) < len(item.members()[1])
     ]
+    return missing
+
+
+def write_report(path: Path, figures: Path, series: list[Series], runs: Path, full: bool) -> None:
+    """Measure, draw, and write the document; rows whose series have no run say so."""
+    found = results(series, runs)
     numbers: dict[str, object] = {"materials": _materials(), "failure": _failure()}
     for needs, make in STEPS:
         if all(name in found for name in needs):
             numbers |= make(found, figures, full)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(_document(numbers, path, figures, full), encoding="utf-8")
-    return missing
 
 
 # --- measuring and drawing -------------------------------------------------------------------------------

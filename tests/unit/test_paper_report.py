@@ -74,8 +74,8 @@ def test_coarse_set_from_decks_to_the_document(tools, tmp_path, monkeypatch, cap
     runs = tmp_path / "runs"
     for item in series:
         assert tools["cases"].run_series(item, runs / item.name, 1, False, here) == 0, item.name
-    missing = tools["report"].write_report(tmp_path / "paper.md", tmp_path / "figures", series, runs, full=False)
-    assert missing == []
+    tools["report"].write_report(tmp_path / "paper.md", tmp_path / "figures", series, runs, full=False)
+    assert tools["report"].unfinished(series, runs) == []
     text = (tmp_path / "paper.md").read_text(encoding="utf-8")
     assert "not run" not in text and "{" not in text
     for name in tools["report"].CAPTIONS:
@@ -95,7 +95,8 @@ def test_what_has_not_run_is_told(tools, tmp_path, monkeypatch):
     report = tools["report"]
     monkeypatch.setattr(report, "STEPS", tuple(step for step in report.STEPS if step[0]))
     series = tools["cases"].make_series(full=False)
-    missing = report.write_report(tmp_path / "paper.md", tmp_path / "figures", series, tmp_path / "runs", full=False)
+    report.write_report(tmp_path / "paper.md", tmp_path / "figures", series, tmp_path / "runs", full=False)
+    missing = report.unfinished(series, tmp_path / "runs")
     assert missing == [f"series {item.name} has no finished run" for item in series]
     assert (tmp_path / "paper.md").read_text(encoding="utf-8").count("not run") > 10
 
