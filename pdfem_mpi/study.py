@@ -414,7 +414,7 @@ def results_of(summary: dict[str, Any]) -> dict[str, float]:
         if isinstance(value, dict):
             for key, item in value.items():
                 visit(f"{name}.{key}" if name and name != "probes" else key, item)
-        elif isinstance(value, list) and len(value) == 3 and name not in summary:
+        elif isinstance(value, list) and len(value) == 3 and all(isinstance(item, float) for item in value):
             for axis, item in zip("xyz", value, strict=True):
                 visit(f"{name}_{axis}", item)
         elif isinstance(value, int | float) and not isinstance(value, bool):

@@ -226,7 +226,9 @@ def test_the_table_is_there_after_every_member(tmp_path, no_picture):
 
 def test_results_of_a_summary_are_flat():
     (member,) = members_of("mesh.spacing=0.2")
-    found = results_of(summary_of(member, later={"n": 3, "deep": {"x": [1, 2, 3]}}, schema_version=1, ranks=2))
+    found = results_of(
+        summary_of(member, later={"n": 3, "deep": {"x": [1.0, 2.0, 3.0]}, "of_ranks": [7, 8, 9]}, ranks=3)
+    )
     assert found == {
         "solve.evaluations": 12, "end_displacement": 2.0, "right_end_x": 0.2, "right_end_y": 1e-12, "right_end_z": -0.2,
         "later.n": 3, "later.deep.x_x": 1, "later.deep.x_y": 2, "later.deep.x_z": 3, "seconds.total": 1.5,
