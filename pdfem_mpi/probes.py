@@ -135,15 +135,14 @@ def _locate(discretization: Discretization, point: np.ndarray) -> tuple[dict[int
     mesh = discretization.mesh
     cell = int(np.argmin(((mesh.centroids - point) ** 2).sum(axis=1)))
     near = np.flatnonzero(mesh.neighbours(np.arange(len(mesh.cells)) == cell))
-    local = {int(c): _reference_coordinates(mesh.nodes[mesh.cells[c]], point) for c in near}
-    beyond = {
-        c: float(np.linalg.norm(shape_functions(np.clip(rst, -1.0, 1.0)[None])[0] @ mesh.nodes[mesh.cells[c]] - point))
-        for c, rst in local.items()
-    }
-    outside = min(beyond.values())
-    cells = [c for c in sorted(local) if beyond[c] <= outside + mesh.tolerance]
-    cells = [c for c in cells if discretization.has_nodes[c]][:1] or cells
-    return {c: local[c] for c in cells}, outside
+    corners = mesh.nodes[mesh.cells[near]]
+    local = _reference_coordinates(corners, point)
+    nearest = (shape_functions(np.clip(local, -1.0, 1.0))[:, :, None] * corners).sum(axis=1)
+    beyond = np.linalg.norm(nearest - point, axis=1)
+    outside = float(beyond.min())
+    chosen = np.flatnonzero(beyond <= outside + mesh.tolerance)
+    chosen = [k for k in chosen if discretization.has_nodes[near[k]]][:1] or chosen
+    return {int(near[k]): local[k] for k in chosen}, outside
 
 
 def _interpolate(discretization: Discretization, fields: Fields, holders: dict[int, np.ndarray], point) -> np.ndarray:
@@ -165,11 +164,12 @@ def _interpolate(discretization: Discretization, fields: Fields, holders: dict[i
 
 
 def _reference_coordinates(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Solve ``x(r, s, t) = point`` by Newton's method."""
-    rst = np.zeros(3)
+    """Solve ``x(r, s, t) = point`` by Newton's method in each cell; shapes (n, 8, 3) and (3,) to (n, 3)."""
+    rst = np.zeros((len(corners), 3))
     for _ in range(NEWTON_STEPS):
-        miss = point - shape_functions(rst[None])[0] @ corners
-        step = np.linalg.solve((shape_gradients(rst[None])[0].T @ corners).T, miss)
+        miss = point - (shape_functions(rst)[:, :, None] * corners).sum(axis=1)
+        jacobian = (corners[:, :, :, None] * shape_gradients(rst)[:, :, None, :]).sum(axis=1)
+        step = np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0]
         rst = np.clip(rst + step, -3.0, 3.0)
         if np.abs(step).max() < 1e-13:
             break

@@ -366,6 +366,8 @@ def follow(
         overwrite = bool(_summary(place)) and outcomes[number].exit_code != EXIT_STOPPED
         code, line = start(member, place, overwrite)
         outcomes[number] = _judge(member, place, code, line)
+        if interruption.signal is not None and outcomes[number].status == "failed":
+            outcomes[number] = Outcome("stopped", EXIT_STOPPED, "by a signal to the study")
         tell(f"{position}: {_told(outcomes[number])}")
         update(outcomes)
     return outcomes
@@ -412,7 +414,7 @@ def results_of(summary: dict[str, Any]) -> dict[str, float]:
         if isinstance(value, dict):
             for key, item in value.items():
                 visit(f"{name}.{key}" if name and name != "probes" else key, item)
-        elif isinstance(value, list) and len(value) == 3 and name not in summary:
+        elif isinstance(value, list) and len(value) == 3 and all(isinstance(item, float) for item in value):
             for axis, item in zip("xyz", value, strict=True):
                 visit(f"{name}_{axis}", item)
         elif isinstance(value, int | float) and not isinstance(value, bool):

@@ -35,15 +35,27 @@ def largest_eigenvalue(body, mass=None):
 
 
 def lattice_constants(body):
-    """Young's modulus over E_0 and Poisson's ratio by the bonds of the eight cells in the middle, unrelaxed."""
+    """Young's modulus over E_0 and Poisson's ratio by the bonds of the eight cells in the middle, unrelaxed.
+
+    For linear kinematics.
+    """
     x, i, j, stored = bond_list(body)
-    central = np.abs(x).max(axis=1) < 1.0
+    edge = body.discretization.mesh.mean_edge / body.model.units.length
+    central = np.abs(x).max(axis=1) < edge
     moments = np.zeros((3, 3))
     for end in (i, j):
         square = (x[j] - x[i])[central[end]] ** 2
-        moments += np.einsum("n,na,nb->ab", stored[central[end]], square, square) / (2.0 * 8.0)  # 8 cells
+        moments += np.einsum("n,na,nb->ab", stored[central[end]], square, square) / (2.0 * 8.0 * edge**3)
     normal, lateral = moments[0, 0], moments[0, 1]
     return (normal - lateral) * (normal + 2.0 * lateral) / (normal + lateral), lateral / (normal + lateral)
+
+
+def lattice_of(internal_length):
+    """`lattice_constants` without correction, for an internal length in cell edges."""
+    scene = make_scene((8, 8, 8), correction="none")
+    lengths = {"internal_length": internal_length, "cutoff_radius": max(CUTOFF * internal_length, 1.0)}
+    peridynamics = scene.peridynamics.model_copy(update=lengths)
+    return lattice_constants(build(scene.model_copy(update={"peridynamics": peridynamics}), loaded=False))
 
 
 def released(body, place, half_width):

@@ -7,6 +7,7 @@ What the paper says and what the full size gives is in docs/paper.md.
 import pytest
 
 from verification.bodies import run_deck
+from verification.measure import lattice_of
 
 STRAIN, X0, Y0 = 18750.0 / 1.0e7, 2.5, 1.0
 SPACING = 0.5
@@ -91,7 +92,18 @@ def test_displacements_converge_with_the_cutoff_radius(plate):
 def test_displacements_settle_from_an_internal_length_of_a_cell_on(plate):
     """Fig. B5, 10 cells thick in the paper, 4 here: short lengths are off, from l = Delta on little changes.
 
-    The paper finds a loss of stiffness for short lengths; with appendix A it is a gain at .5 cells.
+    The paper finds a loss of stiffness for short lengths; here it is a gain at .5 cells, see the next test.
     """
     u_x = {length: plate(4, internal_length=length)[0] for length in (0.5, 1.0, 1.25)}
     assert abs(u_x[1.25] / u_x[1.0] - 1.0) < 0.3 * abs(u_x[0.5] / u_x[1.0] - 1.0)
+
+
+def test_short_internal_lengths_stiffen_the_gauss_lattice():
+    """Fig. B5, "loss in stiffness" for short lengths: the Gauss rule gains down to .4 cells, and loses nu.
+
+    The nearest points of the rule are .42 of an edge apart, so it samples the response where r^3 times it is large.
+    """
+    moduli, ratios = zip(*(lattice_of(length) for length in (0.3, 0.4, 0.5, 0.75, 1.0)), strict=True)
+    assert moduli[1] > moduli[2] > moduli[3] > moduli[4] > 1.0
+    assert moduli[0] < moduli[1]
+    assert sorted(ratios) == list(ratios) and ratios[0] < 0.06

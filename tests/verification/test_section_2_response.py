@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from pdfem_mpi.bonds import BULK_MODULUS, RESPONSE_CONSTANT
 from pdfem_mpi.damage import local_damage
 from pdfem_mpi.fields import gather_damage, point_positions
-from pdfem_mpi.scene import Output
+from pdfem_mpi.scene import Material, Output
 from verification.bodies import bond_list, build, make_scene
 from verification.measure import cracked_block, damage_by_layer, lattice_constants, release_rate_inside, released
 
@@ -98,6 +98,18 @@ def test_elastic_constants_of_the_gauss_lattice(correction):
     assert poissons_ratio == pytest.approx(LATTICE_POISSONS_RATIO, abs=PRINTED)
 
 
+def released_by(cutoff):
+    """Energy of the bonds across a unit of plane at unit stretch, lengths in l: over heights, lengths, directions."""
+
+    def cap(height):
+        def directions(r):
+            return 2.0 * math.pi * (1.0 - height / r)
+
+        return quad(lambda r: 0.5 * RESPONSE_CONSTANT * math.exp(-(r**2)) * r**3 * directions(r), height, cutoff)[0]
+
+    return quad(cap, 0.0, cutoff)[0]
+
+
 def test_fracture_energy_formula():
     """Sec. 2.1, s_0 "can be related to the energy release rate": G_c = 27 sqrt(pi)/16 k l s_0^2 for response (2).
 
@@ -105,17 +117,26 @@ def test_fracture_energy_formula():
     triple integral over the height of one end, the length, and the cap of directions that pass the plane.
     """
 
-    def released_by(cutoff):
-        def cap(height):
-            def directions(r):
-                return 2.0 * math.pi * (1.0 - height / r)
-
-            return quad(lambda r: 0.5 * RESPONSE_CONSTANT * math.exp(-(r**2)) * r**3 * directions(r), height, cutoff)[0]
-
-        return quad(cap, 0.0, cutoff)[0]
-
     assert released_by(12.0) == pytest.approx(FRACTURE_CONSTANT * BULK_MODULUS, rel=QUADRATURE)
     assert released_by(CUTOFF) / released_by(12.0) == pytest.approx(KEPT_FRACTURE_ENERGY, abs=5e-7)
+
+
+@pytest.mark.parametrize("cutoff", [1.0, 2.0, CUTOFF, 4.0])
+def test_critical_stretch_of_a_fracture_energy(cutoff):
+    """`material.fracture_energy` gives the stretch at which the bonds across a plane release it, for any r_c / l."""
+    length, energy = 0.05, 6.0
+    material = Material(youngs_modulus=1.0e7, fracture_energy=energy)
+    found = material.stretch_at_failure(length, cutoff)
+    released = released_by(cutoff) / BULK_MODULUS * material.bulk_modulus * length * found**2
+    assert released == pytest.approx(energy, rel=QUADRATURE)
+
+
+def test_fracture_energy_of_the_papers_plate():
+    """Sec. 4.2: s_0 = .0025 and l = .05 in mean G_c = 6.231 lb/in, 6.053 with the cutoff."""
+    for energy, cutoff in ((6.231, 12.0), (6.053, CUTOFF)):
+        material = Material(youngs_modulus=1.0e7, fracture_energy=energy)
+        # four printed digits of G_c, half of which the square root leaves
+        assert material.stretch_at_failure(0.05, cutoff) == pytest.approx(0.0025, rel=1e-4)
 
 
 @pytest.mark.parametrize("internal_length", LATTICE_RATE)
@@ -179,3 +200,5 @@ def test_damage_without_and_with_all_bonds():
     for rows in model.bonds.rows:
         rows.data[:] = 0.0
     assert (damage() == 1.0).all()
+    never_any = np.zeros_like(model.intact_weights)
+    assert not local_damage(model.comm, model.points, model.bonds, never_any).any()
