@@ -134,12 +134,10 @@ class _Events:
         if ratio == 0.0:
             raise NotConverged("the load stretches no bond that may break. Load the body otherwise.")
         limit = math.inf if settings.end_load_factor is None else settings.end_load_factor
-        before = state.load_factor
         if self.finite:
             self._bracket(ratio, limit)
         else:
-            self._scale(min(before / ratio, limit))
-            program["reaction"] *= state.load_factor / before
+            self._scale(min(state.load_factor / ratio, limit))
         remove_rigid_motion(self.model, self.case, state.u)
         program["size"] = self._size(state.u)
         if state.load_factor >= limit:
@@ -179,9 +177,11 @@ class _Events:
         self._count()
         sweeps = int(program["sweeps"] - program["told_sweeps"])
         program["told_sweeps"] = program["sweeps"]
-        return self.reporter.report(
+        row = self.reporter.report(
             self.state, event, Convergence(sweeps, program["relative"]), program["work"], program["released"]
         )
+        self._count()
+        return row
 
     # --- steps -------------------------------------------------------------------------------------------------
 
@@ -263,6 +263,7 @@ class _Events:
         stored = program["work"] - program["released"] - self.failure.dissipated
         program["work"] += (factor * factor - 1.0) * stored
         state.load_factor = load_factor
+        program["reaction"] *= factor
         np.multiply(state.u, factor, out=state.u)
         self._prescribe()
 
