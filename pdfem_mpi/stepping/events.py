@@ -307,7 +307,8 @@ class _Events:
     def _small_load(self) -> float:
         """A load factor at which strains are small, whatever the deck's loads are."""
         case, x = self.case, self.model.points.x.reshape(-1, 3, W)
-        size = float(largest(self.model.comm, np.array([np.ptp(x[:, d]) if len(x) else 0.0 for d in range(3)])).max())
+        ends = np.stack([x.max(axis=(0, 2), initial=-np.inf), -x.min(axis=(0, 2), initial=np.inf)])
+        size = float(largest(self.model.comm, ends).sum(axis=0).max())
         return SMALL_STRAIN / max(case.reach / size, case.load)
 
     def _prescribe(self) -> None:

@@ -238,7 +238,7 @@ BAD = {
         "or a support that moves.",
     ),
     "events that load nothing": (
-        {"loads": ""},
+        {"loads": '[[supports]]\nface = "x+"\nx = 0'},
         'stepping.kind = "events" raises the load until bonds break, and nothing loads the body. Add a table '
         "[[loads]], or a support that moves.",
     ),
