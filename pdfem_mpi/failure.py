@@ -13,7 +13,7 @@ import numpy as np
 
 from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.kernels import failure
-from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
+from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry, value
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.materials import bond_stretches
@@ -124,6 +124,7 @@ class Failure:
         if joined[-1]:
             self._digits[:] = 0
             self._total += joined[:-1]
+            carry(self._total)
             self.count += int(joined[-1])
             self.dissipated = value(self._total)
             sign = np.array([[-1.0], [1.0]])

@@ -39,6 +39,7 @@ def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite)
     """
     zero = splat(0.0)
     one = splat(1.0)
+    tiny = splat(1e-300)
     top = zero
     stride = 2 * W if finite else W
     for i in range(row_start.size - 1):
@@ -58,7 +59,7 @@ def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite)
                 e = work * load(row_data, row * stride + W)
                 s = e / (one + root(largest(one + e, zero)))
             else:
-                s = work / fma(gx, gx, fma(gy, gy, gz * gz))
+                s = work / largest(fma(gx, gx, fma(gy, gy, gz * gz)), tiny)  # a slot without a bond may have no length
             top = largest(both(s, intact) * splat(inverse[class_of[c], class_of[b // (9 * W)]]), top)
     return hmax(top)
 

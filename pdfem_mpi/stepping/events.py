@@ -127,17 +127,18 @@ class _Events:
         """Raise (or lower) the load until a bond is about to break; False if the program ends at or before that."""
         state, program, settings = self.state, self.state.program, self.settings
         self._evaluate()
+        self._settle()
+        if program["apart"]:
+            return False
         ratio = self.failure.largest_ratio(self.model, self.forces.S)
         if ratio == 0.0:
             raise NotConverged("the load stretches no bond that may break. Load the body otherwise.")
         limit = math.inf if settings.end_load_factor is None else settings.end_load_factor
-        before = state.load_factor
         if self.finite:
             self._bracket(ratio, limit)
         else:
-            self._scale(min(1.0 / ratio, limit / before))
+            self._scale(min(state.load_factor / ratio, limit))
         remove_rigid_motion(self.model, self.case, state.u)
-        program["reaction"] *= state.load_factor / before
         program["size"] = self._size(state.u)
         if state.load_factor >= limit:
             return False
@@ -155,12 +156,8 @@ class _Events:
         self.watch(Progress(int(program["batches"]), program["relative"], 0.0))
         if not broke and program["relative"] <= settings.arrest_tolerance:
             return 0
-        if not broke and not self.fresh and program["relative"] > STAGNATION * stalled:
-            raise NotConverged(
-                f"after {self.failure.count:,} broken bonds the relative residual stagnates at "
-                f"{program['relative']:.3g}, above stepping.arrest_tolerance = {settings.arrest_tolerance:.3g}: some "
-                f"part may have come loose under a load. {self._last_breaks()}"
-            )
+        if not broke and not self.fresh:
+            self._refuse_stagnation(stalled)
         self.fresh = broke > 0
         loosely = broke and settings.control == "load"
         self._relax(settings.inner_iterations - 1 if loosely else MOST_SWEEPS)
@@ -180,9 +177,11 @@ class _Events:
         self._count()
         sweeps = int(program["sweeps"] - program["told_sweeps"])
         program["told_sweeps"] = program["sweeps"]
-        return self.reporter.report(
+        row = self.reporter.report(
             self.state, event, Convergence(sweeps, program["relative"]), program["work"], program["released"]
         )
+        self._count()
+        return row
 
     # --- steps -------------------------------------------------------------------------------------------------
 
@@ -237,12 +236,34 @@ class _Events:
         if case.load and self._size(state.u) > SEPARATED * program["size"]:
             program["apart"] = 1.0
 
-    def _scale(self, factor: float) -> None:
+    def _settle(self) -> None:
+        """Relax until the state is in equilibrium; the table of the forces is left at it."""
+        program = self.state.program
+        while program["relative"] > self.settings.arrest_tolerance and not program["apart"]:
+            stalled = program["relative"]
+            self._relax(MOST_SWEEPS)
+            self._evaluate()
+            if not program["apart"]:
+                self._refuse_stagnation(stalled)
+
+    def _refuse_stagnation(self, before: float) -> None:
+        """Give up where relaxation to the end did not halve a residual that is too large."""
+        relative, goal = self.state.program["relative"], self.settings.arrest_tolerance
+        if relative > goal and relative > STAGNATION * before:
+            raise NotConverged(
+                f"after {self.failure.count:,} broken bonds the relative residual stagnates at {relative:.3g}, above "
+                f"stepping.arrest_tolerance = {goal:.3g}: some part may have come loose under a load. "
+                f"{self._last_breaks()}"
+            )
+
+    def _scale(self, load_factor: float) -> None:
         """Linear kinematics: the state at another load."""
         state, program = self.state, self.state.program
+        factor = load_factor / state.load_factor
         stored = program["work"] - program["released"] - self.failure.dissipated
         program["work"] += (factor * factor - 1.0) * stored
-        state.load_factor *= factor
+        state.load_factor = load_factor
+        program["reaction"] *= factor
         np.multiply(state.u, factor, out=state.u)
         self._prescribe()
 
@@ -250,8 +271,8 @@ class _Events:
         """Finite kinematics: the load at which the largest stretch is critical, by secants within a bracket."""
         state, program = self.state, self.state.program
         stored = self._stored()
-        known = [(state.load_factor, ratio)]
-        low, high = (state.load_factor, math.inf) if ratio < 1.0 else (0.0, state.load_factor)
+        known: list[tuple[float, float]] = []  # loads and ratios of equilibria; the state to begin with is loose
+        low, high = 0.0, math.inf
         target = state.load_factor / ratio
         for _ in range(MOST_EQUILIBRIA):
             target = min(target, limit)
@@ -263,10 +284,10 @@ class _Events:
             if abs(ratio - 1.0) <= BRACKET or (target == limit and ratio < 1.0):
                 break
             low, high = (target, high) if ratio < 1.0 else (low, target)
-            (before, at), known = known[-1], [(target, ratio)]
-            slope = (ratio - at) / (target - before)
-            step = (1.0 - ratio) / slope if slope > 0.0 else target * (1.0 / ratio - 1.0)
-            target += step
+            known = [*known[-1:], (target, ratio)]
+            (before, at) = known[0]
+            slope = (ratio - at) / (target - before) if target != before else 0.0
+            target += (1.0 - ratio) / slope if slope > 0.0 else target * (1.0 / ratio - 1.0)
             if not low < target < high:
                 target = 0.5 * (low + high) if high < math.inf else 2.0 * low
         else:
@@ -286,7 +307,8 @@ class _Events:
     def _small_load(self) -> float:
         """A load factor at which strains are small, whatever the deck's loads are."""
         case, x = self.case, self.model.points.x.reshape(-1, 3, W)
-        size = float(largest(self.model.comm, np.array([np.ptp(x[:, d]) if len(x) else 0.0 for d in range(3)])).max())
+        ends = np.stack([x.max(axis=(0, 2), initial=-np.inf), -x.min(axis=(0, 2), initial=np.inf)])
+        size = float(largest(self.model.comm, ends).sum(axis=0).max())
         return SMALL_STRAIN / max(case.reach / size, case.load)
 
     def _prescribe(self) -> None:

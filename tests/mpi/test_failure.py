@@ -1,0 +1,87 @@
+"""A body breaks alike on any number of ranks: every row of the history, and every broken bond."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from helpers import assert_all
+from pdfem_mpi import model as model_module
+from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.scene import Ramp, Steps
+from verification.failing import DEAD, failing, followed, numbers, strip
+
+pytestmark = pytest.mark.mpi(min_size=2)
+
+RAMP = Ramp(kind="ramp", increment=2e-3, report_every=20)
+SCENES = {
+    "events": ({"report_every": 1}, 25),
+    "events, elements": ({"elements": 2}, 12),
+    "events, finite": ({"kinematics": "finite"}, 12),
+    "events, energy": ({"control": "energy", "report_every": 1}, 12),
+    "events, dead loads": ({"loads": DEAD, "supports": ()}, None),
+    "events, noise": ({"noise": 0.05, "seed": 3}, 12),
+    "ramp": ({"solver": "adr", "tolerance": 1e-6, "stepping": RAMP}, 14),
+    "ramp, finite, elements": (
+        {"solver": "adr", "tolerance": 1e-6, "stepping": RAMP, "kinematics": "finite", "elements": 2}, 15,
+    ),
+    "steps": ({"stepping": Steps(load_factors=(0.37, 0.38))}, None),
+}  # fmt: skip
+
+
+def outcome(run):
+    """Rows, and the broken bonds of all ranks in order. Collective."""
+    pairs = np.concatenate(run.body.model.comm.allgather(run.failure.broken_pairs()))
+    return [numbers(row) for row in run.rows], sorted(map(tuple, pairs.tolist()))
+
+
+@cache
+def on_one_rank(name):
+    """The same by this rank alone."""
+    options, rows = SCENES[name]
+    return outcome(followed(strip(**options), rows, mpi().COMM_SELF))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_histories_do_not_depend_on_the_number_of_ranks(comm, name):
+    options, rows = SCENES[name]
+    expected = on_one_rank(name)
+    found = outcome(followed(strip(**options), rows, comm))
+    assert_all(comm, found[0] == expected[0], "rows differ from those of one rank")
+    assert_all(comm, found[1] == expected[1], "other bonds broke than on one rank")
+    assert_all(comm, len(expected[1]) == expected[0][-1]["broken"] > 0, "no bond broke")
+
+
+def test_cells_dealt_out_at_random(comm, monkeypatch):
+    """Every bond may be between ranks."""
+    expected = on_one_rank("events, elements")
+
+    def random_owners(discretization, n_parts):
+        return (np.random.default_rng(3).permutation(len(discretization.mesh.cells)) % n_parts).astype(np.int32)
+
+    monkeypatch.setattr(model_module, "partition", random_owners)
+    options, rows = SCENES["events, elements"]
+    found = outcome(followed(strip(**options), rows, comm))
+    assert_all(comm, found == expected, "another history than on one rank")
+
+
+def test_broken_bonds_of_other_ranks_are_restored(comm):
+    """What broke on one rank breaks again on these, with the same count, energy, extent and blocks."""
+    options, rows = SCENES["events, elements"]
+    alone = followed(strip(**options), rows, mpi().COMM_SELF)
+    pairs = alone.failure.broken_pairs()
+    together = failing(strip(**options), comm)
+    model = together.body.model
+    together.failure.restore(model, pairs, alone.failure.dissipated_digits)
+    together.solve.soften(together.failure.take())
+    found = outcome(together)[1]
+    same = found == sorted(map(tuple, pairs.tolist()))
+    assert_all(comm, same, "other bonds than on one rank")
+    assert_all(comm, together.failure.count == len(pairs) > 0, "count")
+    assert_all(comm, together.failure.dissipated == alone.failure.dissipated, "energy")
+    assert_all(comm, (together.failure.extent == alone.failure.extent).all(), "extent")
+    number = alone.body.model.points.cell_number[: alone.body.model.points.n_owned]
+    sums = dict(zip(number.tolist(), alone.solve.preconditioner.of_points.sums.reshape(len(number), -1), strict=True))
+    own = model.points.cell_number[: model.points.n_owned].tolist()
+    ours = together.solve.preconditioner.of_points.sums.reshape(len(own), -1)
+    assert_all(comm, all((sums[n] == row).all() for n, row in zip(own, ours, strict=True)), "blocks")

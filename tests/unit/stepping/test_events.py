@@ -1,0 +1,259 @@
+"""From break to break: exact first breaks, closed ledgers, symmetry, arrests, ends, energy control, finite kinematics."""
+
+import numpy as np
+import pytest
+
+from pdfem_mpi.scene import Events, Steps, Support
+from pdfem_mpi.solvers.convergence import NotConverged
+from pdfem_mpi.stepping import events
+from verification.failing import DEAD, EDGE, STRETCH, failing, followed, numbers, strip
+
+CLOSED = 1e-10  # of the work: round-off of thousands of sums; 1e-14 is found
+TANGENT_STEPS = 1e-4  # of the work, finite kinematics: X is that of the tangent, strains are some 1e-3; 1e-5 is found
+FIRST_BREAK = 1e-6
+EXACT = 1e-9  # round-off of displacements in what is scaled
+SCENES = {
+    "supports": {},
+    "elements": {"elements": 2},
+    "dead loads": {"loads": DEAD, "supports": ()},
+    "both": {"loads": DEAD[1:], "supports": (Support(face="x-", x=0.0), Support(face="y-", y=-0.003))},
+    "edge crack": {"crack": EDGE},
+}
+FEW = 12
+TINY = {"cells": (4, 2, 1), "crack": None}
+
+
+@pytest.mark.parametrize("control", ["load", "energy"])
+@pytest.mark.parametrize("name", SCENES)
+def test_ledger_closes(name, control):
+    """W = U + D + X at every row, with U by a sweep of its own: whatever is prescribed, whatever is left unrelaxed."""
+    run = followed(strip(**SCENES[name], control=control, report_every=1), FEW)
+    assert max(abs(row.ledger_error) for row in run.rows) <= CLOSED
+    last = run.rows[-1]
+    assert last.broken > 0
+    assert min(last.stored, last.dissipated, last.work) > 0.0
+    assert last.released > 1e-6 * last.work  # not closed for want of terms
+
+
+def test_ledger_closes_to_the_end():
+    """Also over an avalanche that takes most of the energy out."""
+    run = followed(strip())
+    last = run.rows[-1]
+    assert max(abs(row.ledger_error) for row in run.rows) <= CLOSED
+    assert (last.event, last.dissipated > 0.1 * last.work, last.stored < 0.1 * last.work) == ("end", True, True)
+
+
+def test_broken_bonds_dissipate_what_they_had():
+    """D of the first batch is what the strain energy falls by at the same displacements."""
+    run = followed(strip(), 1)
+    before = run.body.forces.stored_energy(run.body.state.u)
+    model, state = run.body.model, run.body.state
+    force = np.empty_like(state.u)
+    run.body.forces.evaluate_surely(state.u, np.zeros_like(force), force, run.failure, 1e-3)
+    broken = run.failure.close(model)
+    after = run.body.forces.stored_energy(state.u)
+    assert broken > 0
+    assert run.failure.dissipated == pytest.approx(before - after, rel=1e-6)
+
+
+@pytest.mark.parametrize("options", [{}, {"elements": 2}], ids=["bonds", "elements"])
+def test_first_break_from_one_solve_is_that_of_fine_steps(options):
+    """Nothing breaks a millionth below the load that one equilibrium gives, and something a millionth above it."""
+    first = followed(strip(**options), 1).rows[0]
+    assert (first.event, first.broken) == ("critical", 0)
+    factors = [first.load_factor * (1.0 + k * FIRST_BREAK) for k in (-2, -1, 1)]
+    steps = Steps(load_factors=tuple(factors))
+    rows = followed(strip(**options, stepping=steps, tolerance=1e-10)).rows
+    assert [row.broken > 0 for row in rows] == [False, False, True]
+    assert rows[1].reaction == pytest.approx(first.reaction, rel=2.0 * FIRST_BREAK)
+
+
+@pytest.mark.parametrize("options", [{}, {"elements": 2}, {"kinematics": "finite"}], ids=["bonds", "elements", "finite"])
+def test_symmetric_body_breaks_symmetrically(options):
+    """A strip with a crack at its middle: as many bonds break on either side of each of its planes of symmetry."""
+    run = followed(strip(**options), 30)
+    middles = run.middles()
+    assert len(middles) == run.failure.count > 100
+    for d in range(3):
+        assert np.count_nonzero(middles[:, d] > EXACT) == np.count_nonzero(middles[:, d] < -EXACT)
+    extent = run.rows[-1].extent
+    np.testing.assert_allclose(extent[0], -extent[1], rtol=EXACT)
+
+
+def test_noise_breaks_the_symmetry():
+    """The imperfect twin breaks at one side first, near the load of the perfect one; another seed differs."""
+    perfect, one, other = (followed(strip(noise=n, seed=s), 10).rows for n, s in ((0.0, 0), (0.02, 1), (0.02, 2)))
+    assert [row.broken for row in one] != [row.broken for row in perfect]
+    assert one[0].load_factor != other[0].load_factor
+    assert one[0].load_factor == pytest.approx(perfect[0].load_factor, rel=0.02)
+
+
+def test_batches_hold_what_is_within_eta():
+    """At a critical state the largest ratio is 1; a wider eta breaks more bonds at once, of less energy each."""
+    taken = []
+    for eta in (1e-6, 0.2):
+        run = failing(strip(eta=eta, report_every=1))
+        program = run.follow()
+        next(program)
+        assert run.ratio() == pytest.approx(1.0, rel=EXACT)
+        row = next(program)
+        taken.append((row.new_broken, row.dissipated / row.new_broken))
+    assert taken[1][0] > taken[0][0]
+    assert taken[1][1] < taken[0][1]
+
+
+def test_arrests_are_stable():
+    """An arrest is in equilibrium within its tolerance, and no bond is within eta of critical."""
+    run = failing(strip(crack=EDGE, arrest_tolerance=1e-4))
+    arrests = 0
+    for row in run.follow(20):
+        if row.event == "arrest":
+            arrests += 1
+            assert row.convergence.residual <= 1e-4
+            assert run.ratio() <= 1.0 - 1e-3
+    assert arrests >= 3
+
+
+def test_peak_hardly_depends_on_inner_iterations():
+    """Stable states are the same whether relaxed a little or fully between batches, to .1 % of the peak."""
+    peaks = [
+        max(row.reaction for row in followed(strip(inner_iterations=m)).rows if row.event == "critical")
+        for m in (8, 200)
+    ]
+    assert peaks[0] == pytest.approx(peaks[1], rel=1e-3)
+
+
+def test_end_load_factor_is_met_exactly():
+    """The run ends at it, in the elastic range or between breaks, whatever the load rounds to."""
+    first = followed(strip(), 1).rows[0].load_factor
+    for limit in (0.1, 0.9 * first, first * 1.02):
+        rows = followed(strip(end_load_factor=limit)).rows
+        assert (rows[-1].event, rows[-1].load_factor) == ("end", limit)
+        assert all(row.load_factor < limit for row in rows[:-1])
+    finite = followed(strip(end_load_factor=0.5 * first, kinematics="finite")).rows
+    assert [(row.event, row.load_factor) for row in finite] == [("end", 0.5 * first)]
+
+
+@pytest.mark.parametrize("control", ["load", "energy"])
+def test_end_reaction(control):
+    """The run ends as soon as the reaction is below the fraction of the peak."""
+    rows = followed(strip(end_reaction=0.5, control=control, report_every=1)).rows
+    peak = max(row.reaction for row in rows if row.event == "critical")
+    assert rows[-1].event == "end"
+    assert rows[-1].reaction < 0.5 * peak
+    assert all(row.reaction >= 0.5 * peak for row in rows[:-1] if row.event != "batch")  # which is told after relaxing
+
+
+def test_dead_loads_tear_the_body_apart():
+    """Under held forces the pieces run away: the run ends, without a number that is not finite."""
+    run = followed(strip(loads=DEAD, supports=()))
+    last = run.rows[-1]
+    assert last.event == "end"
+    assert np.isfinite(run.body.state.u).all()
+    assert all(np.isfinite(value) for value in (last.work, last.stored, last.dissipated, last.released))
+
+
+def test_load_that_stretches_nothing_is_named():
+    """Compression along x with the sides held: no bond that may break is stretched."""
+    squeezed = (
+        Support(face="x-", x=0.01), Support(face="x+", x=-0.01),
+        Support(lower=(0.0, 0.0, 0.0), upper=(9.0, 9.0, 9.0), y=0.0, z=0.0),
+    )  # fmt: skip
+    with pytest.raises(NotConverged, match="the load stretches no bond that may break"):
+        followed(strip(supports=squeezed, crack=None))
+
+
+def test_stagnation_is_named(monkeypatch):
+    """A relaxation that gets nowhere after a break: the run stops and says where bonds broke last."""
+    def nothing(forces, residual, fixed, goal, sweeps, preconditioner, step):
+        step[:] = 0.0
+        return 0.0
+
+    monkeypatch.setattr(events.cg, "improve", nothing)
+    run = failing(strip())
+    with pytest.raises(NotConverged, match=r"after \d+ broken bonds the relative residual stagnates at .* The last bonds"):
+        list(run.follow())
+    assert [row.event for row in run.rows] == ["critical"]
+
+
+# --- energy control
+
+
+def test_energy_control_keeps_a_bond_critical():
+    """Every row is in equilibrium with its largest ratio at 1; loads go down as well as up; D grows as bonds break."""
+    run = failing(strip(control="energy", report_every=1, arrest_tolerance=1e-5))
+    loads = []
+    for row in run.follow(40):
+        assert row.event == "critical"
+        assert row.convergence.residual <= 1e-5
+        assert run.ratio() == pytest.approx(1.0, rel=EXACT)
+        loads.append(row.load_factor)
+    changes = np.diff(loads)
+    assert changes.min() < 0.0 < changes.max()
+
+
+def test_energy_control_relaxes_until_it_is_enough(monkeypatch):
+    """Loads are scaled in equilibrium only, also where one relaxation does not get there."""
+    monkeypatch.setattr(events, "MOST_SWEEPS", 6)
+    rows = followed(strip(control="energy", report_every=1, arrest_tolerance=1e-5), 10).rows
+    assert max(row.convergence.residual for row in rows) <= 1e-5
+
+
+# --- finite kinematics
+
+
+@pytest.mark.parametrize("control", ["load", "energy"])
+@pytest.mark.parametrize("options", [{}, {"loads": DEAD, "supports": ()}], ids=["pulled", "dead"])
+def test_finite_kinematics_brackets_the_load(options, control):
+    """The first break is that of linear kinematics but for the strain, its stretch critical within the bracket."""
+    linear = followed(strip(**options), 1).rows[0]
+    run = failing(strip(**options, kinematics="finite", control=control, report_every=1))
+    seen = 0
+    for row in run.follow(8):
+        if row.event == "critical":
+            seen += 1
+            assert abs(run.ratio() - 1.0) <= 2.0 * events.BRACKET
+            assert row.convergence.residual <= 1e-6
+        if row.event in ("critical", "arrest"):
+            assert run.body.state.program["reaction"] == pytest.approx(row.reaction, rel=EXACT)
+    assert seen >= 1
+    assert run.rows[0].load_factor == pytest.approx(linear.load_factor, rel=2.0 * STRETCH)
+    assert run.rows[0].load_factor != linear.load_factor
+    assert max(abs(row.ledger_error) for row in run.rows) <= TANGENT_STEPS
+
+
+# --- going on
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"loads": DEAD, "supports": ()}, {"control": "energy"}],
+    ids=["pulled", "dead", "energy"],
+)
+def test_a_program_goes_on_from_its_state(options):
+    """A program taken up again from its state gives the rows of one that went through."""
+    scene = strip(**options, report_every=1)
+    through = followed(scene, 9)
+    parts = failing(scene)
+    for n in (3, 1, 5):
+        list(parts.follow(n))
+    assert [numbers(row) for row in parts.rows] == [numbers(row) for row in through.rows]
+
+
+@pytest.mark.nojit
+def test_tiny_strip():
+    """A few bonds of a strip of eight cells."""
+    run = followed(strip(**TINY, report_every=1), 2)
+    assert [row.event for row in run.rows] == ["critical", "batch"]
+    assert run.rows[1].broken > 0
+    assert max(abs(row.ledger_error) for row in run.rows) <= CLOSED
+
+
+def test_defaults_are_those_of_the_theory():
+    """eta 1e-3, eight sweeps between batches, arrests at 1e-3, the end at 5 % of the peak."""
+    assert Events(kind="events").model_dump() == {
+        "kind": "events", "eta": 1e-3, "inner_iterations": 8, "arrest_tolerance": 1e-3, "end_load_factor": None,
+        "end_reaction": 0.05, "control": "load", "report_every": 10,
+    }  # fmt: skip
+
+
