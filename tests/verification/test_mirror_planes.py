@@ -390,3 +390,15 @@ def test_the_quarter_deck_is_a_quarter_of_the_plate(tmp_path):
         for name in ("right_end", "bottom_of_hole"):
             expected = np.array(whole["probes"][name])
             assert np.abs(np.array(part["probes"][name]) - expected).max() <= 10 * SOLVED * np.abs(expected).max()
+
+
+def test_two_materials_in_a_part():
+    """Bonds to images have the modulus of the weaker of both cells' materials, surfaces the correction of their own."""
+    sides = (
+        Region(name="soft", model="peridynamics", upper=(0.0, 9.0, 9.0)),
+        Region(name="stiff", model="peridynamics", lower=(0.0, -9.0, -9.0), material="steel"),
+    )
+    steel = {"steel": Material(youngs_modulus=5000.0)}
+    scenes = (box("peridynamics", faces) for faces in ((), ("y-", "z-")))
+    bodies = [solve(scene.model_copy(update={"regions": sides, "materials": steel}))[0] for scene in scenes]
+    assert gap(*bodies) <= SOLVED
