@@ -152,7 +152,8 @@ def _appendix_a(found: Found, figures: Path, full: bool) -> dict[str, object]:
     try:
         for sweeps in sorted({*(SWEEPS if full else FEW_SWEEPS), usual}):
             surface_correction.SWEEPS = sweeps
-            flat, remaining = bonds_module._appendix_a(body.model.comm, body.model.points, body.model.bonds)
+            materials = body.discretization.materials
+            flat, remaining = bonds_module._appendix_a(body.model.comm, body.model.points, materials, body.model.bonds)
             left_over[sweeps - 1] = remaining
             vectors[sweeps] = point_rows(flat)
     finally:
