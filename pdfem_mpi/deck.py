@@ -508,6 +508,8 @@ def dimension_of(scene: Scene, key: str) -> str:
             if not part.isdigit():
                 part = str([getattr(item, "name", None) for item in node].index(part))
             node = node[int(part)]
+        elif isinstance(node, dict):
+            node = node[part]
         else:
             field = type(node).model_fields[part]
             dimension = (field.json_schema_extra or {}).get("dimension", "")

@@ -15,7 +15,6 @@ from pdfem_mpi import bonds as bonds_module
 from pdfem_mpi.bonds import BULK_MODULUS
 from pdfem_mpi.kernels import surface_correction
 from pdfem_mpi.model import point_rows
-from pdfem_mpi.scene import Region
 from verification.bodies import bond_list, build, make_scene
 from verification.measure import (
     cracked_block,
@@ -65,7 +64,7 @@ def unfinished(series: list[Series], runs: Path) -> list[str]:
 def write_report(path: Path, figures: Path, series: list[Series], runs: Path, full: bool) -> None:
     """Measure, draw, and write the document; rows whose series have no run say so."""
     found = results(series, runs)
-    numbers: dict[str, object] = {"materials": _materials(), "failure": _failure()}
+    numbers: dict[str, object] = {"failure": _failure()}
     for needs, make in STEPS:
         if all(name in found for name in needs):
             numbers |= make(found, figures, full)
@@ -74,11 +73,6 @@ def write_report(path: Path, figures: Path, series: list[Series], runs: Path, fu
 
 
 # --- measuring and drawing -------------------------------------------------------------------------------
-
-
-def _materials() -> str:
-    several = "material" in Region.model_fields
-    return "regions have materials of their own" if several else "one material in a scene so far"
 
 
 def _failure() -> str:
@@ -158,7 +152,8 @@ def _appendix_a(found: Found, figures: Path, full: bool) -> dict[str, object]:
     try:
         for sweeps in sorted({*(SWEEPS if full else FEW_SWEEPS), usual}):
             surface_correction.SWEEPS = sweeps
-            flat, remaining = bonds_module._appendix_a(body.model.comm, body.model.points, body.model.bonds)
+            materials = body.discretization.materials
+            flat, remaining = bonds_module._appendix_a(body.model.comm, body.model.points, materials, body.model.bonds)
             left_over[sweeps - 1] = remaining
             vectors[sweeps] = point_rows(flat)
     finally:

@@ -34,6 +34,7 @@ class EquationRow(NamedTuple):
 BAR = "verification/test_section_4_1_bar.py"
 PLATE = "verification/test_section_4_2_plate_elastic.py"
 RESPONSE = "verification/test_section_2_response.py"
+MATERIALS = "verification/test_section_2_1_materials.py"
 COUPLING = "verification/test_section_3_2_coupling.py"
 DENSITIES = "verification/test_section_3_densities.py"
 APPENDIX_A = "verification/test_appendix_a.py"
@@ -100,9 +101,10 @@ FIGURES = (
         "6",
         "bonds within two materials and across their interface",
         "drawing",
-        "{materials}",
+        "`[materials.NAME]`, `regions.N.material`, `[[interfaces]]`: `docs/materials.md`",
         "-",
-        "sec. 2.1: the interface takes the smaller bulk modulus",
+        "the interface takes the side with the smaller bulk modulus, as in sec. 2.1, or values of its own",
+        (f"{MATERIALS}::test_bar_of_two_materials_in_a_row", f"{MATERIALS}::test_ball_in_a_strained_body"),
     ),
     FigureRow(
         "7",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pdfem_mpi.deck import DeckError, parse_deck, parse_overrides, read_deck, write_deck
+from pdfem_mpi.deck import DeckError, dimension_of, parse_deck, parse_overrides, read_deck, write_deck
 from pdfem_mpi.scene import BoxMesh, PlateWithHoleMesh
 
 JOBS = Path(__file__).resolve().parents[2] / "jobs"
@@ -444,3 +444,22 @@ def test_list_whose_only_item_is_wrong_is_not_called_empty():
 def test_no_problem_is_reported_twice():
     messages = problems(SOUND, "mesh.spacing=0.07", "mesh.lower=[0, 0, 0]", "title=3", "loads.0.kind=x")
     assert len(messages) == len(set(messages)) == 3
+
+
+@pytest.mark.parametrize(
+    ("key", "dimension"),
+    [
+        ("mesh.spacing", "length"),
+        ("mesh.upper.2", "length"),
+        ("regions.bonds.lower", "length"),
+        ("loads.0.total", "force"),
+        ("materials.steel.youngs_modulus", "force / length^2"),
+        ("title", ""),
+        ("solver.max_evaluations", ""),
+    ],
+)
+def test_dimension_of_a_key(key, dimension):
+    """What labels of studies print units from; items of lists by index or name."""
+    text = SOUND + "[materials.steel]\nyoungs_modulus = 2.0e7\n"
+    scene = parse_deck(text, "deck.toml", ("regions.bonds.material=steel",))
+    assert dimension_of(scene, key) == dimension

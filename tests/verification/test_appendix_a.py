@@ -38,6 +38,12 @@ def block():
     return build(make_scene((12, 12, 12), correction="none"), loaded=False)
 
 
+def vectors_of(body):
+    """Correction vectors in cluster layout, and what remained before the last sweep."""
+    model = body.model
+    return bonds._appendix_a(model.comm, model.points, body.discretization.materials, model.bonds)
+
+
 CORRECTED = {}
 
 
@@ -47,7 +53,7 @@ def correct(block, sweeps):
     if key not in CORRECTED:  # the block is kept too: its id stays its own
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(surface_correction, "SWEEPS", sweeps)
-            vectors, remaining = bonds._appendix_a(block.model.comm, block.model.points, block.model.bonds)
+            vectors, remaining = vectors_of(block)
         CORRECTED[key] = block, point_rows(vectors), remaining
     return CORRECTED[key][1:]
 
@@ -109,9 +115,10 @@ def test_a_run_makes_twenty_sweeps(block):
 @pytest.mark.parametrize("kinematics", ["linear", "finite"])
 def test_factor_of_a_bond_is_the_ellipsoid_of_the_mean_vector(block, kinematics):
     """Eqs A8-A10 and A12: bond strengths are those without correction times g_ij, in both layouts of the rows."""
-    plain = build(make_scene((3, 2, 2), correction="none", kinematics=kinematics), loaded=False).model
+    body = build(make_scene((3, 2, 2), correction="none", kinematics=kinematics), loaded=False)
+    plain = body.model
     corrected = build(make_scene((3, 2, 2), kinematics=kinematics), loaded=False).model
-    vectors, _ = bonds._appendix_a(plain.comm, plain.points, plain.bonds)
+    vectors, _ = vectors_of(body)
     vectors, x = point_rows(vectors), point_rows(plain.points.x)
     stride = 8 if kinematics == "finite" else 4
     stored = [model.bonds.interior.data.reshape(-1, stride)[:, :4] for model in (plain, corrected)]

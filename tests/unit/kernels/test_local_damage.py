@@ -14,7 +14,8 @@ def sums_of(share):
     sums = np.zeros(len(share.point), np.int64)
     stride = (2 if share.bonds.finite else 1) * W
     for rows in share.bonds.rows:
-        add_bond_weights(*rows.arrays, stride, share.points.x, share.points.volume, QUANTUM, sums)
+        points = share.points
+        add_bond_weights(*rows.arrays, stride, points.cell_number, points.x, points.volume, QUANTUM, sums)
     return sums
 
 
