@@ -292,7 +292,7 @@ def ball_errors(body, contrast):
     )
 
 
-#: Evaluations to 1e-6 for a ball of any contrast; 17 to 24 without one, see docs/materials.md
+#: Evaluations to 1e-6 for a ball of any contrast; 14 to 20 without one, see docs/materials.md
 CG_GOAL = 32
 #: A ball of 3 cells' radius: largest errors of mean strain, shear strain and displacements, measured and rounded up
 COARSE_BALL = {FE: (0.21, 0.03, 0.055), PD: (0.06, 0.06, 0.02), "coupled": (0.08, 0.07, 0.035)}
@@ -312,7 +312,7 @@ def test_ball_in_a_strained_body(model, contrast):
 @pytest.mark.parametrize("model", [FE, PD])
 def test_counts_hardly_depend_on_the_contrast(model):
     """The coarse space averages stiffness over two cells; that costs a few evaluations, not an order of magnitude."""
-    counts = {contrast: solve(ball(12, 3.0, contrast, model)) for contrast in (1.0, *CONTRASTS, 1e-6, 1e6)}
+    counts = {contrast: solve(ball(12, 3.0, contrast, model)) for contrast in (1.0, *CONTRASTS, 1e-5, 1e5)}
     assert max(counts.values()) <= CG_GOAL
     assert max(counts.values()) - counts[1.0] <= 10
 
