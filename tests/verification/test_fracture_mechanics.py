@@ -1,0 +1,103 @@
+"""Linear elastic fracture mechanics: a crack under energy control grows, in the mean, at the bonds' own G_c.
+
+The release rate is ``G = -load^2 dU/dA`` with the strain energy U at unit load of the same body with ideal cracks of
+several lengths. The length of a grown crack is that of the ideal crack of the same stiffness: where bonds broke one by
+one, nothing else tells where it ends. ``G_c`` is the energy at critical stretch of the bonds that a plane cuts in the
+intact body. ``G / G_c`` at the loads of the next breaks is a saw-tooth, from below .8 to above 1.3, one tooth for each
+layer of points: means are taken over several cells of growth. The first break is not compared with anything: it is a
+quantity of the lattice.
+"""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from pdfem_mpi.deck import parse_deck
+from pdfem_mpi.scene import Crack, Steps
+from helpers import ROOT
+from verification.bodies import build
+from verification.failing import failing
+from verification.measure import released
+
+LOWEST, HIGHEST = 0.90, 1.12  # of the mean of G / G_c(own bonds)
+GROWTH = 4.0  # cells, at least
+FIRST_TEETH = 1.0  # cells until the saw-tooth is steady: an ideal crack is sharper than a grown one
+SMALL = 1e-3  # load factor of the ideal cracks: nothing breaks
+CLOSED = 1e-10
+
+CASES = {
+    "double cantilever, one cell thick": (
+        "double_cantilever.toml",
+        ["mesh.lower=[-0.6,0.0,-0.05]", "mesh.upper=[0.6,2.4,0.05]", "stepping.eta=0.03"],
+        np.arange(1.01, 2.0, 0.1),
+    ),
+    "double cantilever": ("double_cantilever.toml", [], np.arange(1.01, 2.3, 0.1)),
+    "centre crack, one cell thick": (
+        "plate_centre_crack.toml",
+        ["mesh.lower=[-1.6,-1.6,-0.05]", "mesh.upper=[1.6,1.6,0.05]"],
+        np.arange(0.51, 1.2, 0.1),
+    ),
+}
+
+
+def with_tip(scene, tip):
+    """The scene with its crack as long as ``tip`` says; a crack at the centre stays there."""
+    polygon = scene.cracks[0].polygon
+    centred = min(y for _, y, _ in polygon) == -max(y for _, y, _ in polygon)
+    moved = tuple((x, tip if y > 0 else -tip if centred else y, z) for x, y, z in polygon)
+    ends = 2 if centred else 1
+    steps = Steps(load_factors=(SMALL,))
+    return ends, scene.model_copy(update={"cracks": (Crack(polygon=moved),), "stepping": steps})
+
+
+def own_fracture_energy(scene):
+    """Energy at critical stretch of the bonds that the crack's plane cuts, per area, model units."""
+    body = build(scene.model_copy(update={"cracks": ()}), loaded=False)
+    thickness = (scene.mesh.upper[2] - scene.mesh.lower[2]) / body.discretization.units.length
+    across = released(body, 0.0, (3.0, 0.75 * thickness))  # six cells along the crack, all of the thickness
+    return across / (6.0 * thickness) * scene.material.critical_stretch**2
+
+
+def grown(deck, overrides, tips):
+    """Follow the deck until its crack has grown by ``GROWTH`` cells.
+
+    Returns
+    -------
+    length : float64
+        Of the crack, in cells, at each row.
+    ratio : float64
+        ``G / G_c`` there.
+    rows : list of Report
+    """
+    scene = parse_deck((ROOT / "jobs" / deck).read_text(encoding="utf-8"), deck, overrides)
+    energies = []
+    for tip in tips:
+        ends, ideal = with_tip(scene, tip)
+        energies += [row.stored / SMALL**2 for row in failing(ideal).follow()]
+    lengths = ends * tips / scene.mesh.spacing
+    thickness = (scene.mesh.upper[2] - scene.mesh.lower[2]) / scene.mesh.spacing
+    slope = CubicSpline(lengths, energies).derivative()
+    own = own_fracture_energy(scene)
+    run = failing(scene)
+    length, ratio = [], []
+    for row in run.follow():
+        stiffness = row.stored / row.load_factor**2
+        length.append(np.interp(-stiffness, -np.array(energies), lengths))
+        ratio.append(-(row.load_factor**2) * slope(length[-1]) / thickness / own)
+        if length[-1] > length[0] + FIRST_TEETH + GROWTH:
+            break
+    return np.array(length), np.array(ratio), run.rows
+
+
+@pytest.mark.parametrize(
+    "name", [name if "cantilever, one" in name else pytest.param(name, marks=pytest.mark.slow) for name in CASES]
+)
+def test_crack_grows_at_its_own_fracture_energy(name):
+    """Mean G / G_c over four cells of growth, after the first: .90 to 1.12; the ledger closes all along."""
+    length, ratio, rows = grown(*CASES[name])
+    steady = length > length[0] + FIRST_TEETH
+    assert length[-1] - length[0] >= FIRST_TEETH + GROWTH
+    assert LOWEST <= ratio[steady].mean() <= HIGHEST, ratio
+    assert rows[0].broken == 0
+    assert all(row.event == "critical" for row in rows)
+    assert max(abs(row.ledger_error) for row in rows) <= CLOSED
