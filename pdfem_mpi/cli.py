@@ -1,7 +1,7 @@
 """The console command ``pdfem``: commands, exit codes, and everything that is printed about failures.
 
-Exit codes: 0 finished; 64 bad deck, command line or launcher; 70 internal error; 73 results cannot be
-written; 74 not converged. Messages come from rank 0 only.
+Exit codes: 0 finished; 64 bad deck, command line or launcher; 65 no checkpoint that can be used; 70 internal
+error; 73 results cannot be written; 74 not converged; 75 stopped with a checkpoint. Messages come from rank 0 only.
 
 ``pdfem_mpi.run`` and what lies below it are imported inside the commands: numpy, numba and MPI must not load
 before the environment is prepared, nor in the process that only becomes ``mpirun``.
@@ -30,8 +30,10 @@ from rich.table import Table
 from pdfem_mpi import __version__, launch
 from pdfem_mpi.deck import DeckError, parse_deck, read_deck, read_text, write_deck
 from pdfem_mpi.scene import Scene, SceneError
+from pdfem_mpi.signals import Requests
 
 EXIT_USAGE = 64
+EXIT_NO_CHECKPOINT = 65
 EXIT_INTERNAL_ERROR = 70
 EXIT_NOT_WRITTEN = 73
 START_TEST_SECONDS = 60
@@ -52,6 +54,24 @@ DeckArgument = Annotated[
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a key, e.g. mesh.spacing=0.1. Repeatable."),
+]
+RanksOption = Annotated[
+    int | None,
+    typer.Option("-n", "--ranks", min=1, help="MPI ranks; starts mpirun unless under a launcher."),
+]
+MaxHoursOption = Annotated[
+    float | None,
+    typer.Option("--max-hours", min=0.0, help="Stop with a checkpoint before so many hours are over."),
+]
+MinutesOption = Annotated[
+    float | None,
+    typer.Option("--checkpoint-minutes", help="Between checkpoints.", show_default="checkpoint.minutes, 10"),
+]
+StealOption = Annotated[
+    bool, typer.Option("--steal-lock", help="Take a folder that another job held and surely left.")
+]
+ForceOption = Annotated[
+    bool, typer.Option("--force", help="Go on although the checkpoint is of another scene; recorded.")
 ]
 
 
@@ -238,10 +258,7 @@ def _read_scene(deck: Path, overrides: list[str], comm: Any) -> Scene:
 @app.command()
 def run(
     deck: DeckArgument,
-    ranks: Annotated[
-        int | None,
-        typer.Option("-n", "--ranks", min=1, help="MPI ranks; starts mpirun unless under a launcher."),
-    ] = None,
+    ranks: RanksOption = None,
     overrides: SetOption = None,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Run folder.", show_default="runs/<deck>")
@@ -249,9 +266,47 @@ def run(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace the results in the folder.")
     ] = False,
+    resume: Annotated[
+        str, typer.Option(metavar="auto|never|FILE", help="Start or go on; only start; go on from a checkpoint.")
+    ] = "auto",
+    max_hours: MaxHoursOption = None,
+    minutes: MinutesOption = None,
+    steal_lock: StealOption = False,
+    force: ForceOption = False,
 ) -> int:
-    """Solve the case of DECK and write a run folder."""
-    overrides = overrides or []
+    """Solve the case of DECK and write a run folder; go on where an earlier start of the same run was stopped."""
+    folder = out or Path("runs") / deck.stem
+    ways = {"resume": resume, "steal_lock": steal_lock, "force": force}
+    return _run(deck, ranks, _overrides(overrides, minutes), folder, overwrite, max_hours, ways)
+
+
+@app.command()
+def resume(
+    folder: Annotated[Path, typer.Argument(metavar="RUNDIR", help="Run folder.", show_default=False)],
+    ranks: RanksOption = None,
+    overrides: SetOption = None,
+    max_hours: MaxHoursOption = None,
+    minutes: MinutesOption = None,
+    steal_lock: StealOption = False,
+    force: ForceOption = False,
+) -> int:
+    """Go on with the run of RUNDIR from its newest sound checkpoint, on any number of ranks."""
+    deck = folder / "deck.toml"
+    if not deck.is_file():
+        what = "there is no deck.toml in it" if folder.is_dir() else "there is no such folder"
+        message = f"pdfem: {folder} holds no run: {what}. Give the folder that `pdfem run` wrote."
+        _print_problems([message], launch.rank_by_launcher())
+        return EXIT_NO_CHECKPOINT
+    ways = {"resume": "continue", "steal_lock": steal_lock, "force": force}
+    return _run(deck, ranks, _overrides(overrides, minutes), folder, False, max_hours, ways)
+
+
+def _overrides(overrides: list[str] | None, minutes: float | None) -> list[str]:
+    return [*(overrides or []), *([] if minutes is None else [f"checkpoint.minutes={minutes}"])]
+
+
+def _run(deck, ranks, overrides, folder, overwrite, max_hours, ways) -> int:
+    """Start the ranks, or be one of them and run."""
     if launch.launcher_variable() is None and ranks is not None and ranks > 1:
         try:
             read_deck(deck, overrides)  # problems show before any rank starts
@@ -262,15 +317,40 @@ def run(
             raise _fail(error.messages, 0) from None
         except launch.LaunchError as error:
             raise _fail([f"pdfem: {error}"], 0) from None
+    end = None if max_hours is None else time.monotonic() + 3600.0 * max_hours
+    requests = Requests()
+    requests.install()
     comm = _start_world(ranks)
+    requests.comm = comm
     scene = _read_scene(deck, overrides, comm)
+    from pdfem_mpi.run import Refused, Ways
     from pdfem_mpi.run import run as run_scene
 
     try:
-        folder = out or Path("runs") / deck.stem
-        return run_scene(scene, comm, folder, write_deck(scene), overwrite, ConsoleReporter())
+        ways = Ways(**ways, end=end, watched=True, requests=requests)
+        return run_scene(scene, comm, folder, write_deck(scene), overwrite, ConsoleReporter(), ways)
     except SceneError as error:
         raise _fail([f"{deck}: {message}" for message in error.messages], comm.rank) from None
+    except Refused as error:
+        _print_problems([f"pdfem: {error}"], comm.rank)
+        return error.code
+
+
+@app.command()
+def info(
+    path: Annotated[Path, typer.Argument(metavar="RUNDIR|FILE", help="Run folder or checkpoint.", show_default=False)],
+) -> int:
+    """Say what a run folder or a checkpoint is: step, load, broken bonds, size, sound or why not."""
+    launch.prepare_environment()
+    from pdfem_mpi.results.inspect import describe
+
+    title, rows, problem = describe(path)
+    if launch.rank_by_launcher() == 0 and rows:
+        _print_table(title, rows)
+    if problem is None:
+        return 0
+    _print_problems([f"pdfem: {problem}"], launch.rank_by_launcher())
+    return EXIT_NO_CHECKPOINT
 
 
 @app.command()

@@ -156,29 +156,32 @@ class Failure:
         """Global ids (lower, higher) of the bonds broken on this rank, int64, shape (n, 2)."""
         return np.concatenate([np.empty((0, 2), np.int64), *self.global_pairs])
 
-    def restore(self, model: Model, broken: np.ndarray, dissipated: np.ndarray) -> None:
+    def restore(self, model: Model, broken: np.ndarray, dissipated: np.ndarray, total: int | None = None) -> None:
         """Break the bonds of another run of the scene, on whatever ranks they stand now. Collective.
 
         Parameters
         ----------
         broken : int64, shape (n, 2)
-            Global ids of all broken bonds, the same on all ranks.
+            Global ids of all broken bonds with an end on this rank, at least.
         dissipated : int64, shape (SIZE,)
             `dissipated_digits` of that run.
+        total : int, optional
+            Number of broken bonds on all ranks, if ``broken`` are not all of them.
 
         Raises
         ------
         ValueError
             On all ranks: some of them are not bonds of this scene.
         """
+        total = len(broken) if total is None else total
         wanted = _local_points(model, broken)
         for rows in model.bonds.rows:
             pairs, strengths = np.empty_like(wanted), np.empty(wanted.shape, np.float32)
             n = failure.break_listed(wanted, *rows.arrays, model.bonds.finite, pairs, strengths)
             if n:
                 self._enter(model, pairs[:n].copy(), strengths[:n].copy())
-        if self.close(model) != len(broken):
-            raise ValueError(f"only {self.count} of {len(broken)} broken bonds are bonds of this scene")
+        if self.close(model) != total:
+            raise ValueError(f"only {self.count} of {total} broken bonds are bonds of this scene")
         self._total[:] = dissipated
         self.dissipated = value(self._total)
 

@@ -57,12 +57,19 @@ class Bounds:
         component of a bond's force (tangent, force).
     element : float, dimension length
         Bound of the differences of displacements within an element.
+    parts : dict of Bounds
+        Those of other forces that a run keeps: the preconditioner's cycle, a tangent. See `part`.
 
     They start generous: the first evaluations then count, with fewer digits.
     """
 
     bond: float = 2.0**-3
     element: float = 2.0**-3
+    parts: dict[str, Bounds] = field(default_factory=dict)
+
+    def part(self, name: str) -> Bounds:
+        """The bounds of other forces; new ones if they were not asked for before."""
+        return self.parts.setdefault(name, Bounds())
 
     def expect(self, change: np.ndarray, from_rest: bool) -> None:
         """Make room for displacements that change by what meets at most ``change``, in the order of `Forces.met`."""

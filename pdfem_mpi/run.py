@@ -9,7 +9,7 @@ import platform
 import resource
 import shutil
 import sys
-from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
@@ -23,22 +23,47 @@ from pdfem_mpi.components import describe_loose
 from pdfem_mpi.discretization import Discretization, ModelUnits, discretize, make_mesh
 from pdfem_mpi.failure import Failure, make_failure
 from pdfem_mpi.fields import Fields, fields_sha256, gather_damage, gather_fields, point_positions
+from pdfem_mpi.fingerprint import identity
 from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.kernels.warm_up import compile_kernels
 from pdfem_mpi.loading import make_load_case
 from pdfem_mpi.memory import Need, check_mesh, check_model, show_bytes
 from pdfem_mpi.model import Model, build_model
-from pdfem_mpi.parallel.comm import agree, broadcast, largest, node_communicator, sum_integers
+from pdfem_mpi.parallel.comm import NotWritten, agree, broadcast, largest, node_communicator, on_root, sum_integers
+from pdfem_mpi.pausing import Pauses, Stopped
 from pdfem_mpi.probes import Bar, Line, bar_results, displacement_at, measure_bar, measure_line
-from pdfem_mpi.results.history import History
+from pdfem_mpi.restart import (
+    EXIT_NOT_WRITTEN,
+    Keeper,
+    Refused,
+    Start,
+    Ways,
+    choose_start,
+    compare,
+    restore,
+    restore_late,
+    take_over,
+)
+from pdfem_mpi.restart import FOLDER as CHECKPOINTS
+from pdfem_mpi.results.cursor import continue_frames, continue_history, flushed, set_aside
+from pdfem_mpi.results.files import replacing
 from pdfem_mpi.results.lines import write_line
+from pdfem_mpi.results.lock import Lock, Locked
+from pdfem_mpi.results.log import RunLog
 from pdfem_mpi.results.summary import write_summary
 from pdfem_mpi.scene import BarProbe, DisplacementProbe, FileMesh, LineProbe, Scene, SceneError, Steps
 from pdfem_mpi.solvers.convergence import NotConverged, Progress
-from pdfem_mpi.state import new_state
+from pdfem_mpi.state import State, new_state
 from pdfem_mpi.stepping import Report, follow_load_program, make_solver
+from pdfem_mpi.watchdog import Asleep, Watchdog, patience
 
-EXIT_FINISHED, EXIT_NOT_WRITTEN, EXIT_NOT_CONVERGED = 0, 73, 74
+EXIT_FINISHED, EXIT_NOT_CONVERGED, EXIT_STOPPED = 0, 74, 75
+STATUS = {
+    EXIT_FINISHED: "finished",
+    EXIT_NOT_WRITTEN: "stopped without a checkpoint",
+    EXIT_NOT_CONVERGED: "not converged",
+    EXIT_STOPPED: "stopped",
+}
 SCHEMA_VERSION = 1
 HISTORY = (
     "step", "event", "load_factor", "displacement", "reaction", "reaction_x", "reaction_y", "reaction_z", "evaluations",
@@ -67,10 +92,6 @@ class Reporter(Protocol):
         """Print the table at the end."""
 
 
-class NotWritten(Exception):
-    """Rank 0 could not write; raised on all ranks."""
-
-
 def draw_run(folder: Path, scene: Scene, film: bool = False) -> list[Path]:
     """Draw the figures of a run with failure from its result files, on this rank alone; the paths drawn."""
     from pdfem_mpi.results.failure_plots import draw_failure
@@ -87,20 +108,6 @@ def warm_up(comm) -> None:
     if node.rank > 0:
         compile_kernels()
     node.Free()
-
-
-def on_root(comm, action: Callable[[], Any]) -> Any:
-    """Run ``action`` on rank 0; its result there, None elsewhere. An OSError becomes NotWritten on all ranks."""
-    result, messages = None, []
-    if comm.rank == 0:
-        try:
-            result = action()
-        except OSError as error:
-            messages = [f"{error.filename or 'results'}: cannot be written ({error.strerror or error})."]
-    messages = agree(comm, messages)
-    if messages:
-        raise NotWritten(messages[0])
-    return result
 
 
 def prepare(scene: Scene, comm) -> tuple[Discretization, Need]:
@@ -157,23 +164,25 @@ def check_scene(scene: Scene, comm) -> dict[str, str]:
     }
 
 
-def run(scene: Scene, comm, out: Path, deck_text: str, overwrite: bool, reporter: Reporter) -> int:
-    """Solve the scene and write the run folder. Collective.
+def run(
+    scene: Scene, comm, out: Path, deck_text: str, overwrite: bool, reporter: Reporter, ways: Ways | None = None
+) -> int:
+    """Solve the scene and write the run folder, from the beginning or from a checkpoint. Collective.
 
     Returns
     -------
     int
-        Exit code: 0 finished, 73 results cannot be written, 74 not converged.
+        Exit code: 0 finished, 73 results cannot be written, 74 not converged, 75 stopped with a checkpoint.
 
     Raises
     ------
-    SceneError
+    SceneError, Refused
         On all ranks.
     """
     if comm.rank > 0:
         reporter = _Silent()
     try:
-        return _Run(scene, comm, out, deck_text, overwrite, reporter).go()
+        return _Run(scene, comm, out, deck_text, overwrite, reporter, ways or Ways()).go()
     except NotWritten as error:
         reporter.line(f"pdfem: {error} Free space or choose another folder with --out.")
         return EXIT_NOT_WRITTEN
@@ -193,12 +202,36 @@ class _Silent:
         pass
 
 
+class _Logged:
+    """A reporter whose lines are in run.log too."""
+
+    def __init__(self, reporter, log):
+        self.reporter, self.log = reporter, log
+        self.progress = reporter.progress
+
+    def line(self, text):
+        self.log.line(text)
+        self.reporter.line(text)
+
+    def row(self, columns):
+        names = ("step", "event", "load_factor", "reaction", "evaluations", "relative_residual", "broken_bonds")
+        self.log.line("  ".join(f"{name} {columns[name]}" for name in names if name in columns))
+        self.reporter.row(columns)
+
+    def table(self, title, rows):
+        for name, value in rows:
+            self.log.line(f"{name}: {value}")
+        self.reporter.table(title, rows)
+
+
 class _Run:
-    def __init__(self, scene, comm, out, deck_text, overwrite, reporter):
+    def __init__(self, scene, comm, out, deck_text, overwrite, reporter, ways):
         self.scene, self.comm, self.out, self.deck_text = scene, comm, out, deck_text
-        self.overwrite, self.reporter = overwrite, reporter
+        self.overwrite, self.reporter, self.ways = overwrite, reporter, ways
         self.seconds: dict[str, float] = {}
-        self.rows: list[Report] = []
+        self.lock: Lock | None = None
+        self.frame_files: list[str] = []
+        self.energy_error: float | None = None
         self.probes: dict[str, Any] = {}
         self.parts: dict[str, int] = {}
         self.bar: Bar | None = None
@@ -206,10 +239,35 @@ class _Run:
         self.started = perf_counter()
 
     def go(self) -> int:
+        new = [path for path in (self.out, *self.out.parents) if not path.exists()] if self.comm.rank == 0 else []
+        try:
+            start, refusal = broadcast(self.comm, on_root(self.comm, self._enter))
+            if refusal:
+                raise Refused(*refusal)
+            return self._go(start)
+        finally:
+            if self.lock:
+                self.lock.release()
+            for path in new:  # a run that was refused leaves no empty folder
+                with suppress(OSError):
+                    path.rmdir()
+
+    def _enter(self) -> tuple[Start | None, tuple[int, str] | None]:
+        """Take the folder, and decide where to start."""
+        self.out.mkdir(parents=True, exist_ok=True)
+        try:
+            self.lock = Lock(self.out, os.environ.get("SLURM_JOB_ID", ""), self.ways.steal_lock)
+            start = choose_start(self.out, self.ways.resume, self.overwrite)
+        except Locked as error:
+            return None, (EXIT_NOT_WRITTEN, str(error))
+        except Refused as error:
+            return None, (error.code, str(error))
+        if self.lock.note:
+            start.notes.insert(0, self.lock.note)
+        return start, None
+
+    def _go(self, start: Start) -> int:
         scene, comm = self.scene, self.comm
-        refusal = broadcast(comm, on_root(comm, self._refuse_folder))
-        if refusal:
-            raise SceneError([refusal])
         with _phase(self.seconds, "compile"):
             cache = Path(os.environ.get("NUMBA_CACHE_DIR", ""))
             if on_root(comm, lambda: not any(cache.rglob("*.nbi"))):
@@ -217,46 +275,83 @@ class _Run:
             warm_up(comm)
         with _phase(self.seconds, "setup"):
             discretization, _ = prepare(scene, comm)
+            if start.path:
+                start.notes += compare(start, identity(scene, discretization), self.ways.force)
+            if start.finished and not start.changed:
+                self.reporter.line(f"pdfem: {self.out} is finished already; --set a longer program to go on.")
+                return EXIT_FINISHED
             model = build_model(scene, discretization, comm)
             case = make_load_case(scene, discretization, model)
             state = new_state(model)
-            forces = Forces(model, state.bounds)
+            broken = restore(start, discretization, model, state) if start.path else None
+            forces = Forces(model, state.bounds, evaluations=start.header.get("evaluations", 0))
             failure = make_failure(scene, discretization, model)
-            solve = make_solver(scene, discretization, forces, case, self.reporter.line)
-        on_root(comm, self._open_folder)
+            counts = _counts(discretization, model)
+        on_root(comm, lambda: self._open_folder(start))
+        tell = self.reporter.line
         for text in describe_loose(case.parts, case.loose):
-            self.reporter.line(text)
+            tell(text)
         self.parts = {"count": case.parts.count, "not_held": len(case.loose)}
-        counts = _counts(discretization, model)
-        self.reporter.line(_headline(scene, comm, counts, self.seconds["setup"]))
+        keeper = Keeper(scene, discretization, forces, failure, self.out, self._flush, tell, start, self.started)
+        if start.path:
+            keeper.restarts.append(self._restart(start, state))
+        pauses = Pauses(comm, self.ways.requests, keeper, scene.checkpoint, self.ways.end)
+        with _phase(self.seconds, "setup"):
+            solve = make_solver(scene, discretization, forces, case, tell, pauses)
+            if start.path:
+                restore_late(start, broken, state, failure, solve)
+        tell(_headline(scene, comm, counts, self.seconds["setup"]))
         if discretization.mirrors:
-            self.reporter.line(f"mirror planes {_describe_mirrors(scene)}; forces and counts are those of this part")
+            tell(f"mirror planes {_describe_mirrors(scene)}; forces and counts are those of this part")
+        for note in start.notes:
+            tell(f"note: {note}")
+        if start.path:
+            pauses.resumed(state)
+            tell(f"going on from {start.path.name}: step {state.step}, iteration {state.iteration}")
         for index, cut in enumerate(model.cut):
             text = f"cuts {cut:,} bonds" if cut else "cuts no bond: it does not pass through peridynamic cells"
-            self.reporter.line(f"cracks.{index} {text}")
+            tell(f"cracks.{index} {text}")
         by_material = count_by_material(comm, model.bonds) if model.bonds else None
         for text in _interfaces_without_bonds(scene, discretization, by_material):
-            self.reporter.line(text)
-        writer = on_root(comm, lambda: self._open_results(discretization, failure))
-        code, reason, fields = EXIT_FINISHED, None, None
+            tell(text)
+        writer = on_root(comm, lambda: self._open_results(discretization, failure, start))
+        code, reason, fields, rows = EXIT_FINISHED, None, None, 0
+        over = state.program.pop("over", 0) and not start.changed
         n_steps = len(scene.stepping.load_factors) if isinstance(scene.stepping, Steps) else None
+        dog = Watchdog(comm, self.out / f"run.r{comm.rank}.hang", patience()) if self.ways.watched else Asleep()
+        keeper.beat = dog.beat
 
         def watch(step, progress):
+            dog.beat()
             self.reporter.progress(step, n_steps, progress, scene.solver.tolerance)
 
+        if not start.path:
+            state.began = perf_counter()
         solve_start, output = perf_counter(), 0.0
         try:
-            for row in follow_load_program(scene, solve, failure, state, case, watch):
-                self.rows.append(row)
-                output_start = perf_counter()
-                fields = gather_fields(discretization, forces, state.u)
-                columns = _history_row(row, discretization.units, failure is not None)
-                damage = gather_damage(discretization, model)
-                on_root(comm, lambda c=columns, f=fields, d=damage: writer(c, f, d))
-                self.reporter.row(columns)
-                output += perf_counter() - output_start
+            with dog:
+                program = () if over else follow_load_program(scene, solve, failure, state, case, watch)
+                for rows, row in enumerate(program, start=1):  # noqa: B007 - asked for after the loop
+                    self.energy_error = row.convergence.energy_error
+                    output_start = perf_counter()
+                    fields = gather_fields(discretization, forces, state.u)
+                    columns = _history_row(row, discretization.units, failure is not None)
+                    damage = gather_damage(discretization, model)
+                    on_root(comm, lambda c=columns, f=fields, d=damage: writer(c, f, d))
+                    self.reporter.row(columns)
+                    output += perf_counter() - output_start
+                    dog.beat()
+                if not rows:  # nothing was left to do: the fields are those of the last step
+                    again = Forces(model, state.bounds)
+                    again.evaluate_surely(state.u, np.zeros_like(state.u), np.empty_like(state.u))
+                    fields = gather_fields(discretization, again, state.u)
+                state.program["over"] = 1
+                pauses.save(state)
         except (NotConverged, NotFinite) as error:
             code, reason = EXIT_NOT_CONVERGED, str(error)
+            keeper.save_good()
+        except Stopped as stop:
+            code, reason = (EXIT_STOPPED, str(stop)) if stop.kept else (EXIT_NOT_WRITTEN, f"{stop}, and not kept")
         self.seconds["solve"] = perf_counter() - solve_start - output
         self.seconds["output"] = output
         phases = {name: round(value, 6) for name, value in forces.seconds.items()}
@@ -264,72 +359,104 @@ class _Run:
         loads = comm.gather(model.bonds.count if model.bonds else 0)
         evaluations = forces.evaluations
         if fields is not None:
-            self._probe(discretization, fields)
+            self._probe(discretization, fields, state.load_factor)
         with _phase(self.seconds, "output"):
-            on_root(comm, self._write_lines)
-            on_root(comm, self._draw)
+            if code != EXIT_STOPPED:  # who stops a run is in a hurry
+                on_root(comm, self._write_lines)
+                on_root(comm, self._draw)
         self.seconds["total"] = perf_counter() - self.started
         summary = None
         if comm.rank == 0:
             summary = self._summary(
-                code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields, by_material
+                code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields, by_material,
+                state, keeper,
             )
         on_root(comm, lambda: write_summary(self.out / "summary.json", summary))
         if comm.rank == 0:
             self.reporter.table(scene.title or self.out.name, _end_table(summary, scene))
-            self.reporter.line(
-                f"pdfem: not converged: {reason}" if code else f"pdfem: finished; results in {self.out}"
-            )
+            self.reporter.line(f"pdfem: {_ending(code, reason, self.out)}")
         return code
 
-    def _refuse_folder(self) -> str | None:
-        if (self.out / "summary.json").exists() and not self.overwrite:
-            return f"the folder {self.out} already holds a run. Use --overwrite, or another folder with --out."
-        return None
-
-    def _open_folder(self) -> None:
-        self.out.mkdir(parents=True, exist_ok=True)
-        for name in ("summary.json", "history.csv", "points.vtkhdf", "elements.vtkhdf"):
-            (self.out / name).unlink(missing_ok=True)
+    def _open_folder(self, start: Start) -> None:
+        (self.out / "summary.json").unlink(missing_ok=True)
+        if start.path:
+            take_over(start, self.out / CHECKPOINTS)
+        else:
+            for name in ("history.csv", "points.vtkhdf", "elements.vtkhdf", "run.log"):
+                (self.out / name).unlink(missing_ok=True)
+            shutil.rmtree(self.out / CHECKPOINTS, ignore_errors=True)
         for name in ("figures", "lines"):
             shutil.rmtree(self.out / name, ignore_errors=True)
-        (self.out / "deck.toml").write_text(self.deck_text)
+        with replacing(self.out / "deck.toml") as temporary:
+            temporary.write_text(self.deck_text, encoding="utf-8")
+        self.reporter = _Logged(self.reporter, RunLog(self.out / "run.log"))
 
-    def _open_results(self, discretization: Discretization, failure: Failure | None):
-        """Create the result files and return what appends one equilibrium to them."""
+    def _restart(self, start: Start, state: State) -> dict[str, Any]:
+        """What summary.json and later checkpoints say of this start."""
+        return {
+            "checkpoint": start.path.name,
+            "step": state.step,
+            "iteration": state.iteration,
+            "ranks": self.comm.size,
+            "seconds_before": start.header["seconds"],
+            "notes": start.notes,
+        }
+
+    def _flush(self) -> dict[str, dict[str, int]]:
+        return flushed(self.out, self.history, self.frame_files)
+
+    def _open_results(self, discretization: Discretization, failure: Failure | None, start: Start):
+        """Create the result files, or cut them back to the checkpoint; return what appends one equilibrium to them."""
         scene, out = self.scene, self.out
-        history = History(out / "history.csv", HISTORY + FAILURE_HISTORY if failure else HISTORY)
+
+        def note(text):
+            start.notes.append(text)
+            self.reporter.line(f"warning: {text}")
+
+        columns = HISTORY + FAILURE_HISTORY if failure else HISTORY
+        history = continue_history(out / "history.csv", columns, start.results.get("history.csv"), note)
+        self.history = history
         mesh = discretization.mesh
         frames = []
         if scene.output.fields:
             from pdfem_mpi.results import vtkhdf
+
+            def is_new(name):
+                self.frame_files.append(name)
+                if start.other_fields:
+                    set_aside(out / name, "output was changed", note, "before")
+                cursor = None if start.other_fields else start.results.get(name)
+                return cursor is None or not continue_frames(out / name, cursor, note)
 
             attributes = {"pdfem_mpi_version": __version__, "deck_sha256": _sha256(self.deck_text)}
             if discretization.has_points.any():
                 region = np.repeat(discretization.region[discretization.has_points], 8)
                 material = np.repeat(discretization.material[discretization.has_points], 8)
                 overlap = np.repeat(discretization.is_overlap[discretization.has_points], 8)
-                vtkhdf.create_points(
-                    out / "points.vtkhdf",
-                    point_positions(discretization),
-                    {"global_id": np.arange(len(region)), "region": region, "material": material, "overlap": overlap},
-                    attributes=attributes,
-                )
+                if is_new("points.vtkhdf"):
+                    data = {"global_id": np.arange(len(region)), "region": region, "material": material}
+                    vtkhdf.create_points(
+                        out / "points.vtkhdf",
+                        point_positions(discretization),
+                        data | {"overlap": overlap},
+                        attributes=attributes,
+                    )
                 frames.append(("points.vtkhdf", lambda fields: fields.u_points))
             if discretization.has_nodes.any():
                 carrying = discretization.node_number >= 0
                 cells = discretization.has_nodes
-                vtkhdf.create_elements(
-                    out / "elements.vtkhdf",
-                    mesh.nodes[carrying],
-                    discretization.node_number[mesh.cells[cells]],
-                    {
-                        "region": discretization.region[cells],
-                        "material": discretization.material[cells],
-                        "overlap": discretization.is_overlap[cells],
-                    },
-                    attributes=attributes,
-                )
+                if is_new("elements.vtkhdf"):
+                    vtkhdf.create_elements(
+                        out / "elements.vtkhdf",
+                        mesh.nodes[carrying],
+                        discretization.node_number[mesh.cells[cells]],
+                        {
+                            "region": discretization.region[cells],
+                            "material": discretization.material[cells],
+                            "overlap": discretization.is_overlap[cells],
+                        },
+                        attributes=attributes,
+                    )
                 frames.append(("elements.vtkhdf", lambda fields: fields.u_nodes))
 
         def write(columns: dict[str, Any], fields: Fields, damage: np.ndarray | None) -> None:
@@ -342,8 +469,7 @@ class _Run:
 
         return write
 
-    def _probe(self, discretization: Discretization, fields: Fields) -> None:
-        factor = self.rows[-1].load_factor
+    def _probe(self, discretization: Discretization, fields: Fields, factor: float) -> None:
         for probe in self.scene.probes:
             if isinstance(probe, DisplacementProbe):
                 self.probes[probe.name] = displacement_at(discretization, fields, probe.point).tolist()
@@ -364,7 +490,7 @@ class _Run:
     def _draw(self) -> None:
         if not self.scene.output.figures:
             return
-        if self.rows and self.rows[-1].broken:
+        if int((self.history.last() or {}).get("broken_bonds") or 0):
             draw_run(self.out, self.scene)
         if not (self.bar or self.lines):
             return
@@ -402,12 +528,17 @@ class _Run:
         )
 
     def _summary(
-        self, code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields, by_material
+        self, code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields, by_material,
+        state, keeper,
     ):
-        last = self.rows[-1] if self.rows else None
+        last = self.history.last() or {}
+
+        def number(column, kind=float):
+            return kind(last[column]) if last.get(column) else None
+
         return {
             "schema_version": SCHEMA_VERSION,
-            "status": "finished" if code == 0 else "not converged",
+            "status": STATUS[code],
             "reason": reason,
             "exit_code": code,
             "title": self.scene.title,
@@ -424,16 +555,21 @@ class _Run:
             "bonds_per_rank": loads,
             "solve": {
                 "kind": self.scene.solver.kind,
-                "load_steps": len(self.rows),
+                "load_steps": state.step,
                 "evaluations": evaluations,
-                "evaluations_last_step": last.convergence.evaluations if last else None,
-                "relative_residual": last.convergence.residual if last else None,
-                "energy_error": last.convergence.energy_error if last else None,
+                "evaluations_last_step": number("evaluations", int),
+                "relative_residual": number("relative_residual"),
+                "energy_error": self.energy_error,
             },
-            "balance": {
-                "force": last.force_balance if last else None,
-                "moment": last.moment_balance if last else None,
+            "balance": {"force": number("force_balance"), "moment": number("moment_balance")},
+            "checkpoints": {
+                "written": keeper.written,
+                "failed": keeper.failed,
+                "seconds": keeper.seconds_in_all,
+                "bytes_of_last": keeper.size or None,
             },
+            "restarts": keeper.restarts,
+            "seconds_of_all_starts": keeper.elapsed,
             "surface_correction": {
                 "kind": self.scene.peridynamics.surface_correction if discretization.cutoff else None,
                 "remaining": model.correction_remaining if discretization.cutoff else None,
@@ -535,6 +671,13 @@ def _headline(scene, comm, counts, seconds) -> str:
         f"{counts[name]:,} {name.replace('_', ' ')}" for name in ("elements", "points", "undirected_bonds")
     ]
     return f"{scene.title or 'scene'}: {', '.join(parts)} on {comm.size} ranks, set up in {seconds:.1f} s"
+
+
+def _ending(code: int, reason: str | None, out: Path) -> str:
+    if code == EXIT_FINISHED:
+        return f"finished; results in {out}"
+    remedy = f". Go on with: pdfem resume {out}" if code == EXIT_STOPPED else ""
+    return f"{STATUS[code]}: {reason}{remedy}"
 
 
 def _end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:

@@ -934,6 +934,29 @@ class Output(Table):
         return []
 
 
+class Checkpoint(Table):
+    """When a run keeps its state on the disk, to go on from there; deck table ``[checkpoint]``.
+
+    One is written at the end and on request as well.
+
+    Attributes
+    ----------
+    minutes : float, > 0
+        Between checkpoints, at most 5 % of the time.
+    iterations : int or None, >= 1
+        A checkpoint after so many relaxation iterations of a load step too.
+    steps : int or None, >= 1
+        A checkpoint after so many load steps or events too.
+    keep : int, >= 2
+        How many of the newest stay.
+    """
+
+    minutes: float = key(10.0, gt=0)
+    iterations: int | None = key(None, ge=1)
+    steps: int | None = key(None, ge=1)
+    keep: int = key(3, ge=2)
+
+
 class Scene(Table):
     """What to simulate, complete and frozen; the whole deck.
 
@@ -962,6 +985,7 @@ class Scene(Table):
     stepping: Stepping = Field(default_factory=Steps)
     probes: tuple[Probe, ...] = key(())
     output: Output = Field(default_factory=Output)
+    checkpoint: Checkpoint = Field(default_factory=Checkpoint)
 
     def problems(self) -> list[Problem]:
         """What ``CHECKS`` find between the tables."""

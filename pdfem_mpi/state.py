@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -41,8 +42,12 @@ class State:
     load_factor : float
     iteration : int
         Relaxation iterations since the load last changed, or of the ramp.
+    spent : int
+        Force evaluations of the solve under way.
     program : dict of numbers
-        What the load program needs to go on.
+        What the load program needs to go on; equal on all ranks.
+    began : float
+        Time of ``perf_counter`` at the last row of the history, less the seconds of earlier starts of the run.
     """
 
     fields: dict[str, np.ndarray]
@@ -50,7 +55,9 @@ class State:
     step: int = 0
     load_factor: float = 0.0
     iteration: int = 0
+    spent: int = 0
     program: dict[str, float] = field(default_factory=dict)
+    began: float = field(default_factory=perf_counter)
 
     @property
     def u(self) -> np.ndarray:

@@ -79,6 +79,14 @@ class History:
         self.rows += 1
         self.size += len(line)
 
+    def last(self) -> dict[str, str] | None:
+        """Return the last row as text by column; None if there is none."""
+        with self.path.open(newline="", encoding="utf-8") as file:
+            row = None
+            for row in csv.DictReader(file):  # noqa: B007 - the last one stays
+                pass
+        return row
+
     def _name(self, path: str | Path, columns: Iterable[str]) -> None:
         self.path = Path(path)
         self.columns = (*(name for name in columns if name != WALL_SECONDS), WALL_SECONDS)

@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 
 from pdfem_mpi.results.files import replacing
+from pdfem_mpi.results.guarded import guarded
 
 VERTEX, HEXAHEDRON = 1, 12  # VTK cell types
 ROWS_PER_CHUNK = 65536  # at most; a smaller frame is one chunk
@@ -106,7 +107,7 @@ def append_frame(
         A field has the wrong number of rows, the name of a static field, or is not in the earlier frames
         (or is missing here). The file still has its earlier frames.
     """
-    with h5py.File(path, "r+", locking=False) as file:
+    with guarded(path, "r+") as file:
         root = file["VTKHDF"]
         steps = root["Steps"]
         frame = int(steps.attrs["NSteps"])
@@ -174,7 +175,7 @@ def truncate(path: str | Path, n_frames: int) -> None:
     ValueError
         The file has fewer frames; it is left as it was.
     """
-    with h5py.File(path, "r+", locking=False) as file:
+    with guarded(path, "r+") as file:
         root = file["VTKHDF"]
         present = int(root["Steps"].attrs["NSteps"])
         if not 0 <= n_frames <= present:
@@ -189,7 +190,7 @@ def _create(path, x, cells, cell_type, point_data, cell_data, precision, attribu
     n_cells, n_corners = cells.shape
     if cells.size and not 0 <= cells.min() <= cells.max() < len(x):
         raise ValueError(f"{path}: cells name nodes {cells.min()} to {cells.max()} of {len(x)}")
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+    with replacing(path) as temporary, guarded(temporary, "w") as file:
         file.attrs.update({"field_precision": precision, **attributes})
         root = file.create_group("VTKHDF")
         root.attrs["Version"] = np.array([2, 0])

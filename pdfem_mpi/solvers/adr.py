@@ -15,6 +15,7 @@ from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
 from pdfem_mpi.loading import exact_dots
 from pdfem_mpi.parallel.comm import sum_integers
+from pdfem_mpi.pausing import NEVER, Never, Pauses
 from pdfem_mpi.solvers.convergence import Convergence, NotConverged, Progress
 from pdfem_mpi.state import State
 
@@ -67,6 +68,8 @@ class Relaxation:
     ----------
     forces : Forces
     fixed : bool, shape (n_unknowns,)
+    pauses : Pauses
+        Its votes travel with the sums of an evaluation.
 
     Attributes
     ----------
@@ -74,9 +77,9 @@ class Relaxation:
         Residual force of the last evaluation.
     """
 
-    def __init__(self, forces: Forces, fixed: np.ndarray):
+    def __init__(self, forces: Forces, fixed: np.ndarray, pauses: Pauses | Never = NEVER):
         mass = forces.model.mass
-        self.forces = forces
+        self.forces, self.pauses, self.wishes = forces, pauses, (0, 0)
         self.inverse_mass = np.where(fixed | (mass == 0.0), 0.0, 1.0 / np.maximum(mass, 1e-300))
         self.force = np.empty_like(mass)
         self.root_share = np.sqrt(forces.model.share) if len(forces.model.rollers) else None
@@ -98,10 +101,12 @@ class Relaxation:
             digits = np.zeros((N_SUMS, SIZE), np.int64)
             shared = u if self.root_share is None else self.root_share * u  # sums over the whole body
             add_damping_sums(shared, v, self.force, previous_force, self.inverse_mass, digits)
-            joined = sum_integers(forces.model.comm, np.concatenate([digits.reshape(-1), forces.flags()]))
-            if forces.check_bounds(joined[-3:]):
+            votes = forces.flags() + self.pauses.wishes()
+            joined = sum_integers(forces.model.comm, np.concatenate([digits.reshape(-1), votes]))
+            if forces.check_bounds(joined[-5:-2]):
                 break
-        work, square, residual, reaction = (value(row) for row in joined[:-3].reshape(N_SUMS, SIZE))
+        self.wishes = joined[-2:]
+        work, square, residual, reaction = (value(row) for row in joined[:-5].reshape(N_SUMS, SIZE))
         if math.isnan(square) or math.isnan(residual) or math.isnan(load):
             raise NotFinite(forces.describe_not_finite(u, self.force))
         residual, reference = math.sqrt(residual), max(load, math.sqrt(reaction))
@@ -109,10 +114,20 @@ class Relaxation:
         return Sums(relative, residual, reference, damping_coefficient(work, square))
 
     def advance(self, state: State, damping: float) -> None:
-        """Take one step."""
+        """Take one step; the state is whole after it."""
         u, v, previous_force = (state.fields[name] for name in ("u", "v", "previous_force"))
         advance(u, v, self.force, previous_force, self.inverse_mass, damping, state.iteration == 0)
         state.iteration += 1
+
+    def pause(self, state: State) -> None:
+        """Keep a checkpoint or stop, if the ranks wished it at the last evaluation.
+
+        Raises
+        ------
+        Stopped
+            On all ranks.
+        """
+        self.pauses.act(self.wishes, state)
 
 
 def solve(
@@ -123,14 +138,18 @@ def solve(
     tolerance: float,
     max_evaluations: int,
     watch: Callable[[Progress], None] = lambda progress: None,
+    pauses: Pauses | Never = NEVER,
 ) -> Convergence:
     """Relax the state to equilibrium under constant loads. Collective.
+
+    A relaxation that was stopped goes on from its state as if it had not been: the same bits follow.
 
     Parameters
     ----------
     forces : Forces
     state : State
-        Displacements of the fixed unknowns are set already; all fields are overwritten.
+        Displacements of the fixed unknowns are set already; all fields are overwritten. A new relaxation begins with
+        ``iteration`` and ``spent`` 0.
     external : float64, shape (n_unknowns,), dimension force
     fixed : bool, shape (n_unknowns,)
     tolerance : float
@@ -138,19 +157,21 @@ def solve(
     max_evaluations : int
     watch : callable
         Told of every iteration, on every rank.
+    pauses : Pauses
+        Asked after every step.
 
     Raises
     ------
-    NotConverged, NotFinite
+    NotConverged, NotFinite, Stopped
         On all ranks alike.
     """
-    relaxation = Relaxation(forces, fixed)
+    relaxation = Relaxation(forces, fixed, pauses)
     (square,) = exact_dots(forces.model.comm, [(external, external)])
     load = math.sqrt(square)
-    before = forces.evaluations
+    before = forces.evaluations - state.spent
     while True:
         sums = relaxation.evaluate(state, external, load)
-        used = forces.evaluations - before
+        used = state.spent = forces.evaluations - before
         watch(Progress(state.iteration, sums.relative, sums.damping))
         if sums.relative <= tolerance:
             return Convergence(used, sums.relative)
@@ -167,3 +188,4 @@ def solve(
                 f"tolerance. Still moving: {describe_motion(forces.model, state.fields['v'])}."
             )
         relaxation.advance(state, sums.damping)
+        relaxation.pause(state)

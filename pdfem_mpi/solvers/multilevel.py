@@ -15,7 +15,7 @@ import numpy as np
 from pdfem_mpi.bonds import pattern_for
 from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.failure import Broken
-from pdfem_mpi.forces import Forces
+from pdfem_mpi.forces import Bounds, Forces
 from pdfem_mpi.kernels.preconditioner import add_block_products, interpolate_to_points, restrict_points
 from pdfem_mpi.loading import LoadCase
 from pdfem_mpi.model import Model, build_intact_elements, local_nodes, point_rows
@@ -120,8 +120,17 @@ class Preconditioner:
         residual[self.fixed] = 0.0
 
 
-def make_preconditioner(discretization: Discretization, model: Model, case: LoadCase) -> Preconditioner:
-    """Set up all levels. Collective."""
+def make_preconditioner(
+    discretization: Discretization, model: Model, case: LoadCase, bounds: Bounds | None = None
+) -> Preconditioner:
+    """Set up all levels. Collective.
+
+    Parameters
+    ----------
+    bounds : Bounds, optional
+        Of the state, where the bounds of the cycle are kept.
+    """
+    bounds = Bounds() if bounds is None else bounds
     intact = build_intact_elements(discretization, model)
     local = local_nodes(discretization, intact.subdomain)
     cells = discretization.mesh.cells
@@ -154,7 +163,7 @@ def make_preconditioner(discretization: Discretization, model: Model, case: Load
     of_cycle = node_blocks(intact, None)
     stiffest = _stiffest_around(discretization, np.ones(len(cells), bool))[intact.subdomain.owned_nodes]
     spring = SPRING * float(largest(model.comm, np.array([of_cycle[:, :3].max(initial=0.0)]))[0])
-    cycle_forces = Forces(intact)
+    cycle_forces = Forces(intact, bounds.part("cycle"))
     cycle_blocks = inverted(of_cycle, fixed, softest(model.comm, of_cycle, stiffest))
     return Preconditioner(
         model=model,

@@ -46,6 +46,7 @@ BRACKET, MOST_EQUILIBRIA = 1e-6, 30
 #: What ``state.program`` keeps.
 NUMBERS = (
     "work", "released", "peak", "stable", "batches", "relative", "reaction", "sweeps", "told_sweeps", "size", "apart",
+    "fresh",
 )  # fmt: skip
 
 
@@ -56,7 +57,6 @@ def follow_events(
     state: State,
     case: LoadCase,
     watch: Callable,
-    pause: Callable[[], None],
 ) -> Iterator[Report]:
     """Yield a row at each critical state, arrest and end, and every ``report_every`` batches. Collective.
 
@@ -64,9 +64,12 @@ def follow_events(
     ------
     NotConverged, NotFinite
         The state is left at the last batch.
+    Stopped
+        From ``solve.pauses``, between batches.
     """
+    solve.pauses.between(state)
     events = _Events(settings, solve, failure, state, case, watch)
-    if not state.program:
+    if "stable" not in state.program:
         events.start()
     program = state.program
     while True:
@@ -89,7 +92,7 @@ def follow_events(
             yield events.row("arrest")
         elif broke and program["batches"] % settings.report_every == 0:
             yield events.row("batch")
-        pause()
+        events.pause()
 
 
 class _Events:
@@ -98,7 +101,7 @@ class _Events:
     Its numbers: external ``work`` and energy ``released`` by relaxation so far; ``peak`` of the reaction over stable
     states; whether the state is ``stable``; ``batches`` of broken bonds; ``relative`` residual and ``reaction`` at the
     last evaluation; ``sweeps`` so far, and ``told_sweeps`` at the last row; ``size`` of the displacements when last
-    stable; and whether pieces came ``apart`` under a held force.
+    stable; whether pieces came ``apart`` under a held force; and whether the last batch broke bonds (``fresh``).
     """
 
     def __init__(
@@ -107,16 +110,19 @@ class _Events:
         self.settings, self.solve, self.failure, self.state, self.case = settings, solve, failure, state, case
         self.forces, self.model = solve.forces, solve.forces.model
         self.finite = self.model.bonds.finite
-        self.tangent = Forces(self.model, tangent=True, seconds=self.forces.seconds) if self.finite else self.forces
+        self.tangent = self.forces
+        if self.finite:
+            bounds = self.forces.bounds.part("tangent")
+            self.tangent = Forces(self.model, bounds, tangent=True, seconds=self.forces.seconds)
         self.watch = lambda progress: watch(state.step + 1, progress)
         self.reporter = Reporter(self.forces, case, failure)
         self.residual, self.step = np.empty_like(state.u), np.empty_like(state.u)
-        self.counted, self.fresh = self._evaluations(), True
+        self.counted = self._evaluations()
 
     def start(self) -> None:
         """Find the first equilibrium: at load factor 1 or, for finite kinematics, at a small load."""
         state = self.state
-        state.program = dict.fromkeys(NUMBERS, 0.0) | {"stable": 1.0}
+        state.program |= dict.fromkeys(NUMBERS, 0.0) | {"stable": 1.0, "fresh": 1.0}
         state.load_factor = 1.0
         if self.finite:
             state.load_factor = self._small_load()
@@ -156,9 +162,9 @@ class _Events:
         self.watch(Progress(int(program["batches"]), program["relative"], 0.0))
         if not broke and program["relative"] <= settings.arrest_tolerance:
             return 0
-        if not broke and not self.fresh:
+        if not broke and not program["fresh"]:
             self._refuse_stagnation(stalled)
-        self.fresh = broke > 0
+        program["fresh"] = float(broke > 0)
         loosely = broke and settings.control == "load"
         self._relax(settings.inner_iterations - 1 if loosely else MOST_SWEEPS)
         return broke
@@ -182,6 +188,11 @@ class _Events:
         )
         self._count()
         return row
+
+    def pause(self) -> None:
+        """Keep a checkpoint or stop, if asked to: the books are complete here."""
+        self._count()
+        self.solve.pauses.between(self.state)
 
     # --- steps -------------------------------------------------------------------------------------------------
 

@@ -23,7 +23,6 @@ def follow_load_program(
     state: State,
     case: LoadCase,
     watch: Callable[[int, Progress], None] = lambda step, progress: None,
-    pause: Callable[[], None] = lambda: None,
 ) -> Iterator[Report]:
     """Follow the scene's load program from the state on, and yield its rows. Collective.
 
@@ -34,20 +33,19 @@ def follow_load_program(
     failure : Failure or None
         Needed by ramps and events.
     state : State
-        Changed; consistent at each yield, and whenever ``pause`` is called.
+        Changed; whole at each yield, and whenever ``solve.pauses`` are asked: between steps, batches of an avalanche
+        and iterations of relaxation.
     case : LoadCase
     watch : callable
         Told of the step and the progress of every iteration, on every rank.
-    pause : callable
-        Called on every rank between iterations of a ramp and between batches of an avalanche.
 
     Raises
     ------
-    NotConverged, NotFinite
+    NotConverged, NotFinite, Stopped
     """
     stepping = scene.stepping
     if isinstance(stepping, Ramp):
-        return follow_ramp(stepping, solve, failure, state, case, watch, pause)
+        return follow_ramp(stepping, solve, failure, state, case, watch)
     if isinstance(stepping, Events):
-        return follow_events(stepping, solve, failure, state, case, watch, pause)
+        return follow_events(stepping, solve, failure, state, case, watch)
     return follow_steps(stepping, solve, failure, state, case, watch)

@@ -23,7 +23,6 @@ def follow_ramp(
     state: State,
     case: LoadCase,
     watch: Callable,
-    pause: Callable[[], None],
 ) -> Iterator[Report]:
     """Yield a row every ``report_every`` iterations, and the last one. Collective.
 
@@ -35,9 +34,11 @@ def follow_ramp(
     Raises
     ------
     NotConverged, NotFinite
+    Stopped
+        From ``solve.pauses``.
     """
     forces, program = solve.forces, state.program
-    relaxation = Relaxation(forces, case.fixed)
+    relaxation = Relaxation(forces, case.fixed, solve.pauses)
     load = float(np.sqrt(exact_dots(forces.model.comm, [(case.external, case.external)])[0]))
     reporter = Reporter(forces, case, failure)
     last = round(settings.end_load_factor / settings.increment)
@@ -73,4 +74,4 @@ def follow_ramp(
             yield row
             if ended:
                 return
-        pause()
+        relaxation.pause(state)

@@ -11,6 +11,7 @@ from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.failure import Broken
 from pdfem_mpi.forces import Forces
 from pdfem_mpi.loading import LoadCase
+from pdfem_mpi.pausing import NEVER, Never, Pauses
 from pdfem_mpi.scene import Scene
 from pdfem_mpi.scene import Solver as Settings
 from pdfem_mpi.solvers import adr, cg
@@ -33,6 +34,8 @@ class EquilibriumSolver:
     preconditioner : Preconditioner or None
         Of conjugate gradients.
     note : callable
+    pauses : Pauses
+        Asked between iterations of relaxation, and by the load programs.
     """
 
     forces: Forces
@@ -40,21 +43,26 @@ class EquilibriumSolver:
     settings: Settings
     preconditioner: Preconditioner | None
     note: Callable[[str], None]
+    pauses: Pauses | Never = NEVER
 
     def __call__(
         self, state: State, external: np.ndarray, watch: Callable[[Progress], None] = lambda progress: None
     ) -> Convergence:
-        """Find the equilibrium under constant loads. Collective."""
-        settings = self.settings
+        """Find the equilibrium under constant loads; a relaxation that was stopped goes on. Collective."""
+        settings, program = self.settings, state.program
         common = (self.forces, state, external, self.case.fixed, settings.tolerance, settings.max_evaluations)
-        if self.preconditioner:
+        if self.preconditioner and not program.get("relaxing"):
             try:
                 return cg.solve(*common, self.preconditioner, watch)
             except Breakdown as error:
                 self.note(f"conjugate gradients broke down: {error} Going on with adaptive dynamic relaxation.")
-        state.iteration = 0
-        state.fields["v"][:] = 0.0
-        return adr.solve(*common, watch)
+        if not program.get("relaxing"):
+            state.iteration = state.spent = 0
+            state.fields["v"][:] = 0.0
+            program["relaxing"] = 1
+        convergence = adr.solve(*common, watch, self.pauses)
+        program["relaxing"] = 0
+        return convergence
 
     def soften(self, broken: Broken) -> None:
         """Learn which bonds broke. Collective."""
@@ -63,10 +71,15 @@ class EquilibriumSolver:
 
 
 def make_solver(
-    scene: Scene, discretization: Discretization, forces: Forces, case: LoadCase, note: Callable[[str], None]
+    scene: Scene,
+    discretization: Discretization,
+    forces: Forces,
+    case: LoadCase,
+    note: Callable[[str], None],
+    pauses: Pauses | Never = NEVER,
 ) -> EquilibriumSolver:
     """The scene's solver, set up. Collective."""
     preconditioner = None
     if scene.solver.kind == "cg":
-        preconditioner = make_preconditioner(discretization, forces.model, case)
-    return EquilibriumSolver(forces, case, scene.solver, preconditioner, note)
+        preconditioner = make_preconditioner(discretization, forces.model, case, forces.bounds)
+    return EquilibriumSolver(forces, case, scene.solver, preconditioner, note, pauses)

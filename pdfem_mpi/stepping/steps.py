@@ -19,26 +19,32 @@ from pdfem_mpi.stepping.solver import EquilibriumSolver
 def follow_steps(
     settings: Steps, solve: EquilibriumSolver, failure: Failure | None, state: State, case: LoadCase, watch: Callable
 ) -> Iterator[Report]:
-    """Yield the equilibrium at each load factor from ``state.step`` on. Collective.
+    """Yield the equilibrium at each load factor from where the state is. Collective.
+
+    ``state.program`` keeps the evaluations of the step under way.
 
     Raises
     ------
     NotConverged, NotFinite
         From the solver.
+    Stopped
+        From ``solve.pauses``.
     """
-    forces = solve.forces
+    forces, program, pauses = solve.forces, state.program, solve.pauses
     reporter = Reporter(forces, case, failure)
     for step, factor in enumerate(settings.load_factors[state.step :], start=state.step + 1):
+        pauses.between(state)
         external = factor * case.external
         state.u[case.fixed] = factor * case.prescribed[case.fixed]
-        evaluations = 0
         while True:
             convergence = solve(state, external, partial(watch, step))
-            evaluations += convergence.evaluations
+            program["evaluations"] = program.get("evaluations", 0) + convergence.evaluations
             if failure is None or not break_bonds(solve, failure, state, external):
                 break
+            pauses.between(state)
         remove_rigid_motion(forces.model, case, state.u)
         state.step, state.load_factor = step, factor
+        evaluations, program["evaluations"] = program["evaluations"], 0
         yield reporter.report(state, "step", replace(convergence, evaluations=evaluations))
 
 

@@ -23,7 +23,7 @@ STUB = r"""
 import os, sys, time, types
 from pdfem_mpi.scene import SceneError
 
-def run(scene, comm, out, deck_text, overwrite, reporter):
+def run(scene, comm, out, deck_text, overwrite, reporter, ways):
     what = os.environ["STUB"]
     comm.Barrier()
     if what == "scene error":
@@ -31,10 +31,10 @@ def run(scene, comm, out, deck_text, overwrite, reporter):
     if what == "crash" and comm.rank == comm.size - 1:
         raise ValueError("unforeseen")
     if what == "wait":
-        import signal
-        signal.signal(signal.SIGUSR1, lambda *args: sys.exit(75))
         print("waiting", flush=True)
-        time.sleep(30)
+        deadline = time.monotonic() + 30
+        while not ways.requests.stop and time.monotonic() < deadline:
+            time.sleep(0.05)
     comm.Barrier()
     spacing = f"spacing = {scene.mesh.spacing}" in deck_text
     # one write: the lines of ranks may mingle
@@ -47,6 +47,7 @@ def check_scene(scene, comm):
 
 stub = types.ModuleType("pdfem_mpi.run")
 stub.run, stub.check_scene, stub.warm_up = run, check_scene, lambda comm: None
+stub.Ways, stub.Refused = types.SimpleNamespace, type("Refused", (Exception,), {})
 sys.modules["pdfem_mpi.run"] = stub
 from pdfem_mpi.cli import main
 main()
