@@ -49,6 +49,7 @@ SCENES = {
     for correction in ("none", "appendix_a")
 }
 SCENES |= {
+    "coupled, virial": partial(make_scene, (9, 3, 2), 4, correction="virial"),
     "elements": partial(make_scene, (7, 3, 2), 7),
     "elements of another poissons ratio": partial(make_scene, (5, 3, 1), 5, poissons_ratio=0.4),
     "coupled, reading A": partial(make_scene, (9, 3, 2), 4, coupling="paper_a"),
