@@ -11,9 +11,9 @@ With ``gamma = (g_c(i) + g_c(j)) / 2``, the factor needs no unit vector::
 
 (A2 prints "2" for the interior value, which has no meaning; the sum above is its definition.)
 
-**Virial.** Appendix A matches a first moment of the bonds, while stiffness is a third moment; on the Gauss lattice the two
-differ by 6 %. With ``r n_d^2 / 2`` in place of ``|n_d|`` the same sum is a virial stress, ``w_i S_d(i) = sum_j c exp(-r^2) g_ij
-w_i w_j (r n_d^2 / 2) s_d``, whose value in an infinite body is Young's modulus.
+**Virial.** Appendix A matches a first moment of the bonds, while stiffness is a third moment; on the Gauss lattice
+the two differ by 6 %. With ``r n_d^2 / 2`` in place of ``|n_d|`` the same sum is a virial stress, ``w_i S_d(i) =
+sum_j c exp(-r^2) g_ij w_i w_j (r n_d^2 / 2) s_d``, whose value in an infinite body is Young's modulus.
 """
 
 import math
@@ -118,7 +118,8 @@ def update_factors(n_clusters, T, TI, volume, quantum, target):
         Integration weights ``w_i``.
     quantum : float
     target : float64, shape (n_clusters,)
-        ``g_inf``, or Young's modulus, of each cluster's own material, in model units: the fictitious body of appendix A is made of it.
+        ``g_inf``, or Young's modulus, of each cluster's own material, in model units: the fictitious body of
+        appendix A is made of it.
 
     Returns
     -------
