@@ -138,7 +138,7 @@ def _only_modulus(discretization: Discretization) -> float:
         names = " and ".join(discretization.materials.names[k] for k in found)
         raise SceneError(
             [
-                f'peridynamics.surface_correction = "fitted" fits bodies of one material, and the cells with bonds, the '
+                f'peridynamics.surface_correction = "fitted" fits bodies of one material, and cells with bonds, the '
                 f'overlap among them, are of {names}. Use "virial", or let interfaces lie outside of peridynamics.'
             ]
         )

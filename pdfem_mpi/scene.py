@@ -1384,8 +1384,8 @@ def _check_fitted(
         problems.append(
             Problem(
                 "mesh.symmetry",
-                f'= {show(mesh.symmetry)} does not go with peridynamics.surface_correction = "fitted", whose surfaces are '
-                'those of the whole body. Model the whole body, or use "virial".',
+                f'= {show(mesh.symmetry)} does not go with peridynamics.surface_correction = "fitted", whose '
+                'surfaces are those of the whole body. Model all of it, or use "virial".',
             )
         )
     can_fail = any(entry.can_fail for entry in (material, *materials.values()))

@@ -435,3 +435,10 @@ def test_tractions_pull_at_fitted_bonds_only():
     scene(regions=(BONDS,), peridynamics=FITTED, loads=loads)
     found = problems_of(lambda: scene(regions=(BONDS,), loads=loads))
     assert [problem.key for problem in found] == ["loads.0.kind", "loads.1.kind"]
+
+
+def test_fitted_factors_need_the_whole_body():
+    mesh = BoxMesh(**BAR, spacing=0.1, symmetry=("y-",))
+    found = only_problem(lambda: scene(mesh=mesh, regions=(BONDS,), peridynamics=FITTED))
+    assert found.key == "mesh.symmetry"
+    assert "whole body" in found.text

@@ -13,7 +13,7 @@ from pdfem_mpi.loading import remove_rigid_motion
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import cluster_layout
-from pdfem_mpi.scene import Region, SceneError, Traction
+from pdfem_mpi.scene import Material, Region, SceneError, Traction
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.solvers.multilevel import make_preconditioner
@@ -229,3 +229,30 @@ def test_tractions_pull_at_points_and_elements_alike():
     u = body.of_positions(lambda x: x @ strain)
     residual = body.internal(u) + body.case.external
     assert np.abs(residual).max() < EXACT * np.abs(body.case.external).max()
+
+
+def test_bonds_of_another_material_than_the_unit_of_stress():
+    """A body of a softer material than the deck's default one: the same factors, its own stress."""
+    soft = {"soft": Material(youngs_modulus=250.0)}
+    # elements far from the overlap are of the default material: uniform strains are no equilibrium there, but the fit is
+    regions = (
+        Region(name="stiff", model="finite_elements", upper=(3.0, 3.0, 3.0)),
+        Region(name="elements", model="finite_elements", material="soft", lower=(3.0, 0, 0), upper=(6.0, 3.0, 3.0)),
+        Region(name="bonds", model="peridynamics", material="soft", lower=(6.0, 0.0, 0.0)),
+    )
+    other, usual = fitted((9, 3, 3), regions=regions, materials=soft), fitted((9, 3, 3), 6)
+    factors = [body.model.body_fit.fit for body in (other, usual)]
+    assert factors[0].residual < EXACT
+    assert factors[0].largest_factor == pytest.approx(factors[1].largest_factor, rel=1e-9)
+    stored = [body.model.bonds.interior.data for body in (other, usual)]
+    np.testing.assert_allclose(stored[0], 0.25 * stored[1], rtol=1e-5, atol=1e-9)
+
+
+def test_bodies_of_several_materials_are_refused():
+    """Also where the overlap is of the elements' material."""
+    regions = (
+        Region(name="elements", model="finite_elements", upper=(4.0, 2.0, 2.0)),
+        Region(name="bonds", model="peridynamics", material="soft", lower=(4.0, 0.0, 0.0)),
+    )
+    with pytest.raises(SceneError, match=r"bodies of one material.*soft.*virial"):
+        fitted((8, 2, 2), regions=regions, materials={"soft": Material(youngs_modulus=250.0)})
