@@ -194,13 +194,13 @@ def make_bonds(
         Those that ``points.material`` counts.
     cutoff : float, dimension length
         Guarded cutoff radius.
-    correction : "none" or "appendix_a"
+    correction : "none", "appendix_a" or "virial"
 
     Returns
     -------
     bonds : Bonds
     remaining : float
-        Largest ``|G / g_inf - 1|`` of appendix A before its last update; 0 without correction.
+        Largest ``|G / g_inf - 1|`` before the last update, of the virial stress ``|S / E - 1|``; 0 without correction.
     """
     interior, boundary = find_bonds(points, cutoff, finite)
     added = np.zeros(points.n_clusters * W, np.int64)
@@ -228,12 +228,14 @@ def make_bonds(
     bonds = filled(np.empty(0))
     if correction == "none":
         return bonds, 0.0
-    factor, remaining = _appendix_a(comm, points, materials, bonds)
+    factor, remaining = _appendix_a(comm, points, materials, bonds, virial=correction == "virial")
     return filled(factor), remaining
 
 
-def _appendix_a(comm, points: Points, materials: MaterialTable, bonds: Bonds) -> tuple[np.ndarray, float]:
-    """Iterate the correction vectors.
+def _appendix_a(
+    comm, points: Points, materials: MaterialTable, bonds: Bonds, virial: bool = False
+) -> tuple[np.ndarray, float]:
+    """Iterate the correction vectors towards the response, or the virial stress, of an infinite body.
 
     Returns
     -------
@@ -245,15 +247,17 @@ def _appendix_a(comm, points: Points, materials: MaterialTable, bonds: Bonds) ->
     T, integers = sums_table(points)
     T[:, 0:3] = 1.0
     blocks = T.reshape(-1, 2, 9, W)
-    infinite_response = surface_correction.INFINITE_RESPONSE * BULK_MODULUS
+    # of Young's modulus 1
+    infinite_response = 1.0 if virial else surface_correction.INFINITE_RESPONSE * BULK_MODULUS
     target = np.repeat(infinite_response * materials.youngs_modulus[points.material[: points.n_owned]], 2)
     halo = halo_for(points.halo, MAGNITUDES)
     remaining = 0.0
+    longest = max(1.0, 0.5 * bonds.cutoff) if virial else 1.0
     for _ in range(surface_correction.SWEEPS):
         widest = float(largest(comm, np.array([T[:, 0:3].max(initial=0.0)]))[0])
-        quantum, pattern = start_sums(T, bonds.added + bonds.taken, bonds.strongest * widest)
+        quantum, pattern = start_sums(T, bonds.added + bonds.taken, bonds.strongest * widest * longest)
         for rows in bonds.rows:
-            surface_correction.add_responses(*rows.arrays, T.reshape(-1), integers, pattern, bonds.finite)
+            surface_correction.add_responses(*rows.arrays, T.reshape(-1), integers, pattern, bonds.finite, virial)
         halo.scatter_reverse(blocks.view(np.int64)[:, :, 6:9])
         worst = surface_correction.update_factors(
             2 * points.n_owned,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdfem_mpi.boundary_areas import face_shares
 from pdfem_mpi.components import Loose, Parts, find_loose, find_parts, settle, unbalanced
 from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_volumes
@@ -88,12 +89,16 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
     messages: list[str] = []
     on_cells = np.zeros((len(discretization.mesh.cells), 3))  # body force density
     on_nodes = np.zeros((len(discretization.nodes), 3))
+    on_points = np.zeros((len(discretization.mesh.cells), 8, 3))  # forces
+    fitted = scene.peridynamics.surface_correction == "fitted"
     for index, load in enumerate(scene.loads):
         try:
             if isinstance(load, BodyForce):
                 on_cells += _density(discretization, load, f"loads.{index}", scene)
             else:
-                on_nodes += _traction(discretization, load, f"loads.{index}")
+                nodal, of_points = _traction(discretization, load, f"loads.{index}", fitted)
+                on_nodes += nodal
+                on_points += of_points
         except SceneError as error:
             messages += error.messages
     prescription = _prescriptions(scene, discretization, messages)
@@ -101,7 +106,10 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
         raise SceneError(messages)
 
     _lump_on_nodes(discretization, on_cells, on_nodes)
-    external = _join(model, _point_forces(discretization, model, on_cells), on_nodes)
+    on_free_points = _point_forces(discretization, model, on_cells)
+    if model.points:
+        on_free_points += cluster_layout(on_points[model.subdomain.free])
+    external = _join(model, on_free_points, on_nodes)
     amounts, holders = (
         _join(model, _pick_points(discretization, model, on_cells), on_nodes) for on_cells, on_nodes in prescription
     )
@@ -315,18 +323,27 @@ def _density(discretization: Discretization, load: BodyForce, where: str, scene:
     return np.where(chosen[:, None], density, 0.0)
 
 
-def _traction(discretization: Discretization, load: Traction, where: str) -> np.ndarray:
-    """Nodal forces of a traction, shape (n_mesh_nodes, 3), model units."""
+def _traction(
+    discretization: Discretization, load: Traction, where: str, fitted: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Forces of a traction: on nodes (n_mesh_nodes, 3), and on the points of free cells (n_cells, 8, 3); model units.
+
+    Points take ``int L_i dA`` of their cell's face, as in the equilibrium that fitted bond factors are made for.
+    """
     if load.set is None:
         (cells, faces), key, name = discretization.mesh.faces_on_face(load.face), "face", load.face
     else:
         (cells, faces), key, name = named_sets.faces_of(discretization.mesh, load, where), "set", load.set
-    if discretization.has_points[cells].any():
+    of_points = discretization.has_points[cells] & ~discretization.is_overlap[cells]
+    if discretization.has_points[cells].any() and (not fitted or (load.nodal == "equal" and of_points.any())):
         count = np.count_nonzero(discretization.has_points[cells])
+        reason, remedy = "a traction gives no force (sec. 2.2)", f'Use kind = "body_force" with {key} = "{name}".'
+        if fitted:
+            reason, remedy = "there are no nodes to share it equally", 'Use nodal = "consistent".'
         raise SceneError(
             [
-                f"{where}.{key} = {name} has {count} of {len(cells)} faces on peridynamic cells, where a traction "
-                f'gives no force (sec. 2.2). Use kind = "body_force" with {key} = "{name}".'
+                f"{where}.{key} = {name} has {count} of {len(cells)} faces on peridynamic cells, where {reason}. "
+                f"{remedy}"
             ]
         )
     corners = discretization.nodes[faces]
@@ -358,6 +375,7 @@ def _traction(discretization: Discretization, load: Traction, where: str) -> np.
         traction = np.array(load.traction) / units.stress
     else:
         traction = np.array(load.total) / units.force / whole
+    on_points = np.zeros((len(discretization.mesh.cells), 8, 3))
     if load.nodal == "equal":
         nodes = np.unique(faces)
         # a node on a mirror plane is shared with the other side
@@ -365,8 +383,11 @@ def _traction(discretization: Discretization, load: Traction, where: str) -> np.
         nodal[nodes] = share[:, None] * (traction * whole / share.sum())
     else:
         for a in range(4):
-            np.add.at(nodal, faces[:, a], shares[:, a, None] * traction)
-    return nodal
+            np.add.at(nodal, faces[~of_points, a], shares[~of_points, a, None] * traction)
+        mesh = discretization.mesh
+        shares_of_points = face_shares(mesh, discretization.nodes, cells[of_points], faces[of_points])
+        on_points[cells[of_points]] = shares_of_points[:, :, None] * traction
+    return nodal, on_points
 
 
 def _prescriptions(scene: Scene, discretization: Discretization, messages: list[str]):

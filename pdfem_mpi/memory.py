@@ -36,6 +36,10 @@ POINT_BYTES = 170
 MOTION_BYTES = 330
 #: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model and grid, for a cell.
 GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES = 650, 2700
+#: Table, vectors, blocks and multipliers of a point while bond factors are fitted.
+FIT_POINT_BYTES = 1700
+#: Matrix and factors of the fit's grid on every rank, for a cell with points, and at most.
+FIT_GRID_CELL_BYTES, FIT_GRID_BYTES = 40_000, 3.5e8
 
 
 @dataclass(frozen=True)
@@ -114,12 +118,16 @@ def estimate(scene: Scene, discretization: Discretization, subdomain: Subdomain)
     total = rows * ROW_BYTES[scene.peridynamics.kinematics]
     n_cells = len(cells) + len(subdomain.ghosts) + len(subdomain.images)
     total += (8 * n_cells + 0.5 * n_nodes) * POINT_BYTES
-    total += (8 * len(subdomain.free) + len(subdomain.owned_nodes)) * MOTION_BYTES
-    total += np.count_nonzero(discretization.has_nodes) * NODAL_CELL_BYTES
+    later = (8 * len(subdomain.free) + len(subdomain.owned_nodes)) * MOTION_BYTES
+    later += np.count_nonzero(discretization.has_nodes) * NODAL_CELL_BYTES
     if scene.solver.kind == "cg":
-        total += 8 * len(subdomain.free) * GRADIENT_POINT_BYTES
-        total += (len(cells) + len(subdomain.elements)) * GRADIENT_CELL_BYTES
-    return Need(bonds, total)
+        later += 8 * len(subdomain.free) * GRADIENT_POINT_BYTES
+        later += (len(cells) + len(subdomain.elements)) * GRADIENT_CELL_BYTES
+    fit = 0.0
+    if bonds and scene.peridynamics.surface_correction == "fitted":
+        fit = 8 * (len(cells) + len(subdomain.ghosts)) * FIT_POINT_BYTES
+        fit += min(FIT_GRID_BYTES, FIT_GRID_CELL_BYTES * discretization.n_point_cells)
+    return Need(bonds, total + max(later, fit))  # one after the other
 
 
 def _count_bonds(discretization: Discretization, cells: np.ndarray) -> tuple[float, float]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pdfem_mpi.body_fit import BodyFit, fit_body
 from pdfem_mpi.bonds import Bonds, Points, cut_bonds, fictitious_masses, make_bonds, pattern_for, perturbed
 from pdfem_mpi.damage import family_weights
 from pdfem_mpi.discretization import Discretization, ModelUnits
@@ -141,6 +143,8 @@ class Model:
         Fictitious masses (eqs 11, 22) of the unknowns: free points in cluster layout, then owned nodes.
     correction_remaining : float
         Largest ``|G / g_inf - 1|`` of the surface correction before its last sweep.
+    body_fit : BodyFit or None
+        Of the bond factors, where the deck asks for them.
     cut : tuple of int
         Bonds cut by each initial crack, on all ranks.
     mirrors : Mirrors
@@ -162,6 +166,7 @@ class Model:
     overlap: Overlap | None
     mass: np.ndarray
     correction_remaining: float
+    body_fit: BodyFit | None
     cut: tuple[int, ...]
     mirrors: Mirrors
     rollers: np.ndarray
@@ -197,25 +202,36 @@ def point_rows(flat: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(flat.reshape(-1, 3, W).swapaxes(1, 2)).reshape(-1, 3)
 
 
-def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -> Model:
+def build_model(
+    scene: Scene, discretization: Discretization, comm: Intracomm, fits: tuple[Path, ...] = ()
+) -> Model:
     """Cut out this rank's share and compute its constants. Collective.
+
+    Parameters
+    ----------
+    fits : paths
+        Folders where fits of bond factors are looked for and left.
 
     Raises
     ------
     SceneError
-        More ranks than cells.
+        More ranks than cells; a body whose bond factors cannot be fitted.
     """
     owner = partition(discretization, comm.size)
     subdomain = cut_out(discretization, owner, comm.rank)
-    points = bonds = nodes = elements = overlap = None
+    points = bonds = nodes = elements = overlap = body_fit = None
     remaining, cut, intact_weights = 0.0, [], None
     if discretization.has_points.any():
         points = _make_points(discretization, subdomain, comm)
         finite = scene.peridynamics.kinematics == "finite"
-        bonds, remaining = make_bonds(
-            comm, points, discretization.materials, discretization.cutoff, finite,
-            scene.peridynamics.surface_correction,
-        )  # fmt: skip
+        correction, body_fit = scene.peridynamics.surface_correction, None
+        settings = (comm, points, discretization.materials, discretization.cutoff, finite)
+        if correction == "fitted":
+            bonds, _ = make_bonds(*settings, "none")
+            signs = scene.peridynamics.signs
+            bonds, body_fit = fit_body(comm, discretization, subdomain, points, bonds, signs, fits)
+        if body_fit is None or body_fit.fit is None:
+            bonds, remaining = make_bonds(*settings, "virial" if body_fit else correction)
         if scene.peridynamics.stiffness_noise:
             bonds = perturbed(points, bonds, scene.peridynamics.stiffness_noise, scene.peridynamics.seed)
         if scene.output.damage:
@@ -244,6 +260,7 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm) -
         overlap=overlap,
         mass=mass,
         correction_remaining=remaining,
+        body_fit=body_fit,
         cut=tuple(cut),
         mirrors=discretization.mirrors,
         rollers=_rollers(discretization, subdomain, points, nodes),

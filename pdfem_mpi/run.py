@@ -18,6 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from pdfem_mpi import __version__
+from pdfem_mpi.body_fit import EXPECTED_SWEEPS, SWEEP_RATE, BodyFit
 from pdfem_mpi.bonds import count_by_material, total_bonds
 from pdfem_mpi.components import describe_loose
 from pdfem_mpi.discretization import Discretization, ModelUnits, discretize, make_mesh
@@ -110,6 +111,12 @@ def warm_up(comm) -> None:
     node.Free()
 
 
+def fit_folders(out: Path) -> tuple[Path, ...]:
+    """Where fits of bond factors are kept: the run folder, and the user's cache beside the compiled kernels."""
+    cache = os.environ.get("NUMBA_CACHE_DIR")
+    return (out, Path(cache)) if cache else (out,)
+
+
 def prepare(scene: Scene, comm) -> tuple[Discretization, Need]:
     """The discretization of a scene that fits into memory, and what this rank will need. Collective.
 
@@ -161,7 +168,16 @@ def check_scene(scene: Scene, comm) -> dict[str, str]:
         "undirected bonds, about": f"{bonds:.3g}",
         "memory, about": f"{show_bytes(total)} in all, of the largest rank "
         f"{show_bytes(float(largest(comm, np.array([need.bytes]))[0]))}",
-    }
+    } | _fit_cost(scene, bonds, comm.size)
+
+
+def _fit_cost(scene: Scene, bonds: int, ranks: int) -> dict[str, str]:
+    """What the fit of bond factors would take."""
+    if not bonds or scene.peridynamics.surface_correction != "fitted":
+        return {}
+    sweeps = EXPECTED_SWEEPS[scene.peridynamics.signs]
+    seconds = sweeps * bonds / (SWEEP_RATE * ranks)
+    return {"fit of bond factors, about": f"{sweeps} sweeps, {seconds:.2g} s unless it is found from before"}
 
 
 def run(
@@ -280,7 +296,7 @@ class _Run:
             if start.finished and not start.changed:
                 self.reporter.line(f"pdfem: {self.out} is finished already; --set a longer program to go on.")
                 return EXIT_FINISHED
-            model = build_model(scene, discretization, comm)
+            model = build_model(scene, discretization, comm, fit_folders(self.out))
             case = make_load_case(scene, discretization, model)
             state = new_state(model)
             broken = restore(start, discretization, model, state) if start.path else None
@@ -303,6 +319,8 @@ class _Run:
         tell(_headline(scene, comm, counts, self.seconds["setup"]))
         if discretization.mirrors:
             tell(f"mirror planes {_describe_mirrors(scene)}; forces and counts are those of this part")
+        for note in model.body_fit.notes if model.body_fit else ():
+            tell(note)
         for note in start.notes:
             tell(f"note: {note}")
         if start.path:
@@ -573,6 +591,7 @@ class _Run:
             "surface_correction": {
                 "kind": self.scene.peridynamics.surface_correction if discretization.cutoff else None,
                 "remaining": model.correction_remaining if discretization.cutoff else None,
+                "fit": _fit_report(model.body_fit),
             },
             "bonds_cut_by_cracks": list(model.cut),
             "parts_at_start": self.parts,
@@ -664,6 +683,14 @@ def _describe_mirrors(scene: Scene) -> str:
     if endless:
         return f"{', '.join(faces)}: a cell of a body without end along {' and '.join(endless)}"
     return f"{', '.join(faces)}: {('half', 'a quarter', 'an eighth')[len(faces) - 1]} of the body is modelled"
+
+
+def _fit_report(outcome: BodyFit | None) -> dict[str, Any] | None:
+    """What became of the fit of the bond factors; its numbers are missing where the body was too thin."""
+    if outcome is None:
+        return None
+    report = {"fingerprint": outcome.fingerprint, "reused": outcome.reused, "notes": list(outcome.notes)}
+    return report | (asdict(outcome.fit) if outcome.fit else {})
 
 
 def _headline(scene, comm, counts, seconds) -> str:

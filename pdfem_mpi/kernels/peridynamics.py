@@ -577,7 +577,7 @@ def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite):
             dx = magnitude(load(S, b + 3 * W) - splat(S[own + 3 * W]))
             dy = magnitude(load(S, b + 4 * W) - splat(S[own + 4 * W]))
             dz = magnitude(load(S, b + 5 * W) - splat(S[own + 5 * W]))
-            k = load(row_data, row * stride)
+            k = magnitude(load(row_data, row * stride))  # fitted factors may be negative
             if finite:
                 k = k * root(load(row_data, row * stride + W))
             else:

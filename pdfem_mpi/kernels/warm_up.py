@@ -3,6 +3,7 @@
 import numba
 
 from pdfem_mpi.kernels import (
+    bond_factors,
     ceilings,
     components,
     cracks,
@@ -21,6 +22,7 @@ from pdfem_mpi.kernels import (
 )
 
 MODULES = (
+    bond_factors,
     cracks,
     ceilings,
     components,

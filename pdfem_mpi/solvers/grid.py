@@ -15,6 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from pdfem_mpi.background_grid import CORNERS, add_moments, cell_nodes, moment_table
 from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.hex8 import GAUSS_POINTS, gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.finite_elements import lame_moduli
@@ -33,26 +34,6 @@ DAMPING, SMOOTHINGS = 0.5, 2
 PIN = 1e-8
 #: Moments are rounded to this fraction of a cell of unit volume, and of the stiffest material in the grid cell.
 MOMENT_QUANTUM = 2.0**-40
-
-_CORNERS = np.array(list(product((0, 1), repeat=3)))  # of a grid cell, z fastest
-_VALUE = {0: np.array([1.0, -1.0]), 1: np.array([0.0, 1.0])}
-_SLOPE = {0: np.array([-1.0, 0.0]), 1: np.array([1.0, 0.0])}
-
-
-def _moment_table(derivatives) -> np.ndarray:
-    """Coefficients in 27 monomials of the products of corner functions, differentiated as asked, (27, 8, 8)."""
-    table = np.zeros((27, 8, 8))
-    for i, j in product(range(8), range(8)):
-        factors = [
-            np.convolve(
-                (_SLOPE if derivatives[0] == d else _VALUE)[_CORNERS[i, d]],
-                (_SLOPE if derivatives[1] == d else _VALUE)[_CORNERS[j, d]],
-            )
-            for d in range(3)
-        ]
-        table[:, i, j] = (factors[0][:, None, None] * factors[1][:, None] * factors[2]).reshape(-1)
-    return table
-
 
 @dataclass(frozen=True)
 class Factor:
@@ -186,7 +167,7 @@ def make_grid(
     terms = modulus * gauss_volumes(positions[cells[own]]).reshape(-1)
     for k, ratio in enumerate(ratios):
         same = nu == ratio
-        _add_moments(moments[k], where[same], xi[same], terms[same], quantum)
+        add_moments(moments[k], where[same], xi[same], terms[same], quantum)
 
     # a node belongs to its own grid cell or, where the body leaves that empty, to the one of a Gauss point beside it;
     # always taking the latter would make the grid's functions of a mirror-symmetric body unsymmetric
@@ -202,7 +183,7 @@ def make_grid(
     for d in range(3):
         held = fixed[:, d]
         weight = np.ones(np.count_nonzero(held))
-        _add_moments(moments[len(ratios) + d], where[held], xi[held], weight, np.full_like(quantum, MOMENT_QUANTUM))
+        add_moments(moments[len(ratios) + d], where[held], xi[held], weight, np.full_like(quantum, MOMENT_QUANTUM))
 
     moments = sum_integers(comm, moments).astype(float)
     moments[: len(ratios)] *= quantum[:, None]
@@ -210,11 +191,11 @@ def make_grid(
     number, matrix = _stiffness(moments, stiffest, h, counts, ratios, spring)
     index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
     free = np.linalg.qr((motions @ rigid_motions(lower + index * h)).T)[0]
-    corners = np.ascontiguousarray(number[_cell_nodes(counts)[where]].astype(np.int32))
+    corners = np.ascontiguousarray(number[cell_nodes(counts)[where]].astype(np.int32))
     n_nodes = int(number.max()) + 1
     weights = np.ones((len(where), 8))
     for d in range(3):
-        weights *= np.where(_CORNERS[:, d], xi[:, d, None], 1.0 - xi[:, d, None])
+        weights *= np.where(CORNERS[:, d], xi[:, d, None], 1.0 - xi[:, d, None])
     levels = []
     for _ in range(n_halvings):
         below, prolongation = _prolongation(number, counts)
@@ -263,7 +244,7 @@ def _prolongation(number: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, s
     index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
     base, odd = index // ratio, index % ratio
     rows, columns, weights = [], [], []
-    for corner in _CORNERS:
+    for corner in CORNERS:
         # an odd node lies half-way between two coarser ones, an even one on one of them
         used = ((corner == 0) | (odd == 1)).all(axis=1)
         node = base[used] + corner
@@ -286,26 +267,10 @@ def _locate(x: np.ndarray, lower, h, counts) -> tuple[np.ndarray, np.ndarray]:
     return (index[:, 0] * counts[1] + index[:, 1]) * counts[2] + index[:, 2], scaled - index
 
 
-def _cell_nodes(counts) -> np.ndarray:
-    """Grid nodes of all grid cells, shape (n, 8)."""
-    i, j, k = np.unravel_index(np.arange(int(np.prod(counts))), counts)
-    return np.stack(
-        [((i + a) * (counts[1] + 1) + (j + b)) * (counts[2] + 1) + (k + c) for a, b, c in _CORNERS], axis=1
-    )
-
-
 def _power_of_two(x: np.ndarray) -> np.ndarray:
     """The next power of two from each number on; 1 for 0."""
     mantissa, exponent = np.frexp(np.where(x > 0.0, x, 1.0))
     return np.ldexp(1.0, exponent - (mantissa == 0.5))
-
-
-def _add_moments(moments: np.ndarray, where: np.ndarray, xi: np.ndarray, weight: np.ndarray, quantum) -> None:
-    """Add the moments of weighted positions to their grid cells, shape (n_cells, 27), in quanta of each cell."""
-    powers = xi[:, :, None] ** np.arange(3)
-    for m, (i, j, k) in enumerate(product(range(3), repeat=3)):
-        terms = weight * powers[:, 0, i] * powers[:, 1, j] * powers[:, 2, k]
-        np.add.at(moments[:, m], where, np.rint(terms / quantum[where]).astype(np.int64))
 
 
 def _stiffness(moments, stiffest, h, counts, ratios, spring: float) -> tuple[np.ndarray, sparse.csc_array]:
@@ -319,7 +284,7 @@ def _stiffness(moments, stiffest, h, counts, ratios, spring: float) -> tuple[np.
         Largest Young's modulus in each grid cell; a node is pinned in proportion to that around it.
     """
     active = (moments[: len(ratios), :, 0] > 0.0).any(axis=0)
-    cells = _cell_nodes(counts)[active]
+    cells = cell_nodes(counts)[active]
     number = np.full(int(np.prod(counts + 1)), -1)
     used = np.unique(cells)
     number[used] = np.arange(len(used))
@@ -328,7 +293,7 @@ def _stiffness(moments, stiffest, h, counts, ratios, spring: float) -> tuple[np.
     for k, nu in enumerate(ratios):
         lam, mu = (float(modulus[0]) for modulus in lame_moduli(np.ones(1), float(nu)))
         for a, b in product(range(3), repeat=2):
-            products = moments[k, active] @ _moment_table((a, b)).reshape(27, 64) / (h[a] * h[b])
+            products = moments[k, active] @ moment_table((a, b)).reshape(27, 64) / (h[a] * h[b])
             products = products.reshape(-1, 8, 8)
             stiffness[:, :, a, :, b] += lam * products
             stiffness[:, :, b, :, a] += mu * products
@@ -336,7 +301,7 @@ def _stiffness(moments, stiffest, h, counts, ratios, spring: float) -> tuple[np.
                 for c in range(3):
                     stiffness[:, :, c, :, c] += mu * products
     for d in range(3):
-        held = moments[len(ratios) + d, active] @ _moment_table((None, None)).reshape(27, 64)
+        held = moments[len(ratios) + d, active] @ moment_table((None, None)).reshape(27, 64)
         stiffness[:, :, d, :, d] += spring * held.reshape(-1, 8, 8)
 
     dofs = (3 * number[cells][:, :, None] + np.arange(3)).reshape(-1, 24)

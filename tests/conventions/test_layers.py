@@ -11,11 +11,14 @@ PACKAGE = Path(__file__).resolve().parents[2] / "pdfem_mpi"
 # From the ground up. A module belongs to the longest name that begins its own; a package's modules may import
 # each other, everything else imports from lower rows only.
 LEVELS = (
-    ("hex8", "launch", "signals", "faults"),
+    ("hex8", "launch", "signals", "faults", "background_grid", "factor_cache"),
     ("kernels", "scene", "parallel.comm", "parallel.bisection"),
     ("deck", "materials", "mesh", "mirrors", "parallel.halo", "pausing", "watchdog"),
     ("discretization", "images"),
-    ("bonds", "subdomain", "fingerprint"),
+    ("bonds", "subdomain", "fingerprint", "boundary_areas"),
+    ("factor_grid", "bond_moments"),
+    ("bond_factors",),
+    ("body_fit",),
     ("damage",),
     ("model", "memory"),
     ("failure", "components"),

@@ -49,6 +49,11 @@ SCENES = {
     for correction in ("none", "appendix_a")
 }
 SCENES |= {
+    "coupled, virial": partial(make_scene, (9, 3, 2), 4, correction="virial"),
+    "coupled, fitted": partial(make_scene, (7, 3, 2), 3, correction="fitted", coupling="exact"),
+    "peridynamics, fitted, bounded": partial(
+        make_scene, (4, 3, 2), 0, correction="fitted", signs="bounded", kinematics="finite"
+    ),
     "elements": partial(make_scene, (7, 3, 2), 7),
     "elements of another poissons ratio": partial(make_scene, (5, 3, 1), 5, poissons_ratio=0.4),
     "coupled, reading A": partial(make_scene, (9, 3, 2), 4, coupling="paper_a"),

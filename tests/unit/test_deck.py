@@ -299,7 +299,7 @@ def test_missing_key_has_an_example():
         ('mesh.lower=[-1.0, "b", -0.2]', 'mesh.lower.1 = "b" is not a number'),
         ("coupling.overlap=0", "0 is out of range. Use a whole number of 1 or more."),
         ("coupling.overlap=1.5", "1.5 is not a whole number"),
-        ("coupling.kind=papr", 'Use one of "paper", "paper_a". Did you mean paper?'),
+        ("coupling.kind=papr", 'Use one of "paper", "paper_a", "exact". Did you mean paper?'),
         ("mesh.kind=plate", 'mesh.kind = "plate" is unknown. Give kind = "box" or kind = "plate_with_hole" or'),
         ("title=3", '3 is not a text in quotes ("...")'),
         ("output.fields=1", "1 is not true or false"),

@@ -9,6 +9,7 @@ from pdfem_mpi.scene import (
     BarProbe,
     BodyForce,
     BoxMesh,
+    Coupling,
     DisplacementProbe,
     FileMesh,
     LineProbe,
@@ -401,3 +402,43 @@ def test_long_values_are_shortened():
 )
 def test_did_you_mean(word, answer):
     assert did_you_mean(word, ["lower", "upper", "spacing"]) == answer
+
+
+FITTED = Peridynamics(surface_correction="fitted")
+
+
+def test_fitted_factors_go_with_the_exact_coupling_and_it_with_them():
+    both = (Region(name="elements", model="finite_elements", upper=(0.0, 0.2, 0.2)), BONDS)
+    scene(regions=both, peridynamics=FITTED, coupling=Coupling(kind="exact"))
+    found = only_problem(lambda: scene(regions=both, peridynamics=FITTED))
+    assert found.key == "coupling.kind"
+    assert 'Use "exact"' in found.text
+    found = only_problem(lambda: scene(regions=both, coupling=Coupling(kind="exact")))
+    assert found.key == "coupling.kind"
+    assert 'surface_correction = "appendix_a"' in found.text
+    assert 'Use "fitted"' in found.text
+    scene(regions=(BONDS,), peridynamics=FITTED)  # nothing to couple
+    scene(coupling=Coupling(kind="exact"))
+
+
+def test_free_signs_are_refused_where_bonds_may_break():
+    breaking = {"material": Material(youngs_modulus=1.0e7, critical_stretch=0.01), "regions": (BONDS,)}
+    found = only_problem(lambda: scene(peridynamics=FITTED, **breaking))
+    assert found.key == "peridynamics.signs"
+    assert 'Use "bounded"' in found.text
+    scene(peridynamics=FITTED.model_copy(update={"signs": "bounded"}), **breaking)
+
+
+def test_tractions_pull_at_fitted_bonds_only():
+    ends = (("x+", 1.0), ("x-", -1.0))
+    loads = tuple(Traction(kind="traction", face=face, total=(force, 0.0, 0.0)) for face, force in ends)
+    scene(regions=(BONDS,), peridynamics=FITTED, loads=loads)
+    found = problems_of(lambda: scene(regions=(BONDS,), loads=loads))
+    assert [problem.key for problem in found] == ["loads.0.kind", "loads.1.kind"]
+
+
+def test_fitted_factors_need_the_whole_body():
+    mesh = BoxMesh(**BAR, spacing=0.1, symmetry=("y-",))
+    found = only_problem(lambda: scene(mesh=mesh, regions=(BONDS,), peridynamics=FITTED))
+    assert found.key == "mesh.symmetry"
+    assert "whole body" in found.text

@@ -68,6 +68,8 @@ def make_scene(
     regions=None,
     kinematics="linear",
     correction="appendix_a",
+    signs="free",
+    internal_length=None,
     coupling="paper",
     overlap=1,
     loads=None,
@@ -86,7 +88,9 @@ def make_scene(
     return Scene(
         material=Material(youngs_modulus=YOUNGS_MODULUS, poissons_ratio=poissons_ratio),
         regions=box_regions(cells, n_elements) if regions is None else regions,
-        peridynamics=Peridynamics(kinematics=kinematics, surface_correction=correction),
+        peridynamics=Peridynamics(
+            kinematics=kinematics, surface_correction=correction, signs=signs, internal_length=internal_length
+        ),
         coupling=Coupling(kind=coupling, overlap=overlap),
         loads=tension(cells, n_elements) if loads is None else loads,
         supports=supports,
@@ -186,7 +190,8 @@ def run_deck(name, out, *overrides):
     path = ROOT / "jobs" / name
     text = path.read_text(encoding="utf-8")
     scene = parse_deck(text, str(path), (*overrides, "output.fields=false", "output.figures=false"))
-    with patch("pdfem_mpi.run.warm_up"):  # it closes the kernels to a second run in the same process
+    # warm_up would close the kernels to a second run in the same process; the user's cache knows fits of earlier tests
+    with patch("pdfem_mpi.run.warm_up"), patch("pdfem_mpi.run.fit_folders", lambda out: (out,)):
         code = run(scene, mpi().COMM_SELF, Path(out), text, True, Silence())
     summary = json.loads((Path(out) / "summary.json").read_text(encoding="utf-8"))
     assert code == 0, summary["reason"]

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from helpers import ROOT
 from pdfem_mpi.deck import parse_deck
 from pdfem_mpi.scene import Crack, Steps
-from helpers import ROOT
 from verification.bodies import build
 from verification.failing import failing
 from verification.measure import released

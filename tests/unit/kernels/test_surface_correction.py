@@ -1,4 +1,4 @@
-"""One sweep of appendix A against numpy, and the update with its guard."""
+"""One sweep of appendix A and of its variant with the virial stress against numpy, and the update with its guard."""
 
 import numpy as np
 import pytest
@@ -12,6 +12,8 @@ pytestmark = pytest.mark.filterwarnings("ignore:overflow")  # numpy's integers w
 STORAGE = 1e-7  # of the largest sum: K rounded to float32, 6e-8, in each bond
 NU = 0.25
 both_layouts = pytest.mark.parametrize("finite", [True, False])
+both_measures = pytest.mark.parametrize("virial", [False, True], ids=["appendix A", "virial"])
+LONGEST = 1.25  # r / 2 of the longest bond, of the virial stress
 
 
 def vectors(whole):
@@ -19,8 +21,8 @@ def vectors(whole):
     return np.random.default_rng(1).uniform(0.8, 6.0, whole.x.shape)
 
 
-def responses(shares, factor, bound):
-    """``w_i G_d(i)`` summed over the parts, as integers; and the quantum."""
+def responses(shares, factor, bound, virial=False):
+    """``w_i G_d(i)``, or the virial stress, summed over the parts, as integers; and the quantum."""
     quantum, pattern = pattern_for(bound)
     total = np.zeros((sum(8 * share.points.n_owned for share in shares), 3), np.int64)
     for share in shares:
@@ -30,14 +32,14 @@ def responses(shares, factor, bound):
         TI = T.view(np.int64).reshape(-1)
         peridynamics.reset_forces(TI, share.bonds.added + share.bonds.taken, integer_bits(pattern))
         for rows in share.bonds.rows:
-            surface_correction.add_responses(*rows.arrays, T.reshape(-1), TI, pattern, share.bonds.finite)
+            surface_correction.add_responses(*rows.arrays, T.reshape(-1), TI, pattern, share.bonds.finite, virial)
         np.add.at(total, share.point, table_rows(T.view(np.int64), 6))
         assert (table_rows(T, 0) == factor[share.point]).all()
     return total, quantum
 
 
-def reference(whole, pairs, factor):
-    """Eqs (A1)-(A4), (A8)-(A10): half of each uniaxial tension's force on one side minus the other's."""
+def reference(whole, pairs, factor, virial):
+    """Eqs (A1)-(A4), (A8)-(A10): half of each uniaxial tension's force on one side minus the other's; or its virial."""
     i, j = pairs.T
     xi = whole.x[j] - whole.x[i]
     r = np.linalg.norm(xi, axis=1)
@@ -47,34 +49,38 @@ def reference(whole, pairs, factor):
         gradient = -NU * np.eye(3)
         gradient[d, d] = 1.0
         stretch = (normal * (xi @ gradient)).sum(axis=1) / r
-        terms[:, d] = strengths(whole, pairs, factor) * stretch * abs(normal[:, d])
+        measure = 0.5 * normal[:, d] * xi[:, d] if virial else abs(normal[:, d])
+        terms[:, d] = strengths(whole, pairs, factor) * stretch * measure
     return add_at(len(whole.x), pairs, terms, terms).astype(float)
 
 
 @both_layouts
+@both_measures
 @pytest.mark.parametrize(
     "n_cells", [pytest.param((2, 1, 1), marks=pytest.mark.nojit), (4, 3, 2)], ids=["tiny", "small"]
 )
-def test_responses(finite, n_cells):
+def test_responses(finite, virial, n_cells):
     """The force densities under three uniaxial tensions, with the current factors."""
     whole = body(n_cells, "jittered")
     share, factor = part(whole, finite=finite), vectors(whole)
     pairs, _ = stored_bonds([share])
-    total, quantum = responses([share], factor, share.bonds.strongest * factor.max())
-    expected = reference(whole, pairs, factor)
+    total, quantum = responses([share], factor, share.bonds.strongest * factor.max() * LONGEST, virial)
+    expected = reference(whole, pairs, factor, virial)
     assert abs(total * quantum - expected).max() < STORAGE * abs(expected).max()
 
 
 @both_layouts
-def test_terms_fit_their_patterns(finite):
-    """A bond's term is at most ``strongest`` times the largest component of the correction vectors."""
+@both_measures
+def test_terms_fit_their_patterns(finite, virial):
+    """A bond's term is at most ``strongest`` times the largest component of the correction vectors, and half of r."""
     whole = body((2, 2, 2), "jittered")
     share, factor = part(whole, finite=finite), vectors(whole)
     pairs, _ = stored_bonds([share])
     xi = np.diff(whole.x[pairs], axis=1)[:, 0]
     normal = xi / np.linalg.norm(xi, axis=1)[:, None]
-    terms = strengths(whole, pairs, factor)[:, None] * ((1 + NU) * normal**2 - NU) * abs(normal)
-    quantum, _ = pattern_for(share.bonds.strongest * factor.max())
+    terms = strengths(whole, pairs, factor)[:, None] * ((1 + NU) * normal**2 - NU)
+    terms *= 0.5 * normal * xi if virial else abs(normal)
+    quantum, _ = pattern_for(share.bonds.strongest * factor.max() * (LONGEST if virial else 1.0))
     assert abs(terms).max() <= 2.0**50 * quantum
 
 

@@ -132,7 +132,7 @@ def test_grid_stiffness_gives_linear_fields_no_force_inside_and_the_right_energy
     corners = body.discretization.nodes[cells]
     lower = body.discretization.nodes.min(axis=0)
     where, xi = grid._locate(grid.gauss_positions(corners).reshape(-1, 3), lower, h, counts)
-    grid._add_moments(moments[0], where, xi, grid.gauss_volumes(corners).reshape(-1), quantum)
+    grid.add_moments(moments[0], where, xi, grid.gauss_volumes(corners).reshape(-1), quantum)
     number, matrix = grid._stiffness(moments * grid.MOMENT_QUANTUM, np.ones(24), h, counts, [0.25], 0.0)
     index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
     x = lower + index * h

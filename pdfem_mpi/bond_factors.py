@@ -1,0 +1,339 @@
+"""Fitted bond factors: one symmetric factor a bond, so that every uniform strain is an equilibrium. Collective.
+
+Because lambda = mu at nu = 1/4, the six strains times three components of a point's equilibrium are ten equations::
+
+    sum_j k_ij g_ij n_a n_b n_c = -mu (delta_ab N_c + delta_ac N_b + delta_bc N_a)(i)        for a <= b <= c
+
+with ``k_ij = c exp(-r^2) w_i w_j`` and the area vectors N of `boundary_areas`. The factors of smallest weighted
+change from a constant, ``g_ij = g0 + (v_i - v_j) . t(xi) / r^4``, have ten multipliers ``v`` a point: one symmetric
+linear system for all of them, solved by conjugate gradients whose operator is a sweep over the bonds
+(`bond_moments`). Its preconditioner adds the inverse 10 x 10 blocks of the points and a solve with the operator's
+local limit on a background grid (`factor_grid`).
+
+**Signs.** Factors of either sign balance any body. Positive ones, ``max(0, ...)``, are found by a semi-smooth Newton
+iteration on the multipliers: the energy whose gradient is the miss of the equations is convex, so a step is too long
+only where it leads up again. At corners of skewed cells no positive factors exist; there a slack ``omega v`` is
+added.
+
+**Rounding.** Bonds are stored in single precision, which would leave 1e-8 of the strain. The miss is measured with the
+stored numbers and undone by the long bonds, whose numbers are a hundred times smaller and so are their last bits.
+
+All sums over bonds, points and ranks are exact: factors have the same bits on any number of ranks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.bond_moments import Operator, dots, inverse_blocks, size_of
+from pdfem_mpi.bonds import Bonds, Points, pattern_for
+from pdfem_mpi.factor_grid import FactorGrid
+from pdfem_mpi.kernels.bond_factors import BLOCK_ENTRIES, MULTIPLICITY, N, multiply_blocks
+from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.parallel.comm import largest, sum_integers
+
+#: Shear modulus in model units, where E = 1 and nu = 1/4.
+SHEAR_MODULUS = 0.4
+#: Factors start here: what the cutoff and the lattice take from the closed form of the stiffness.
+START = 1.0 / 0.98
+#: A fit ends at this residual, relative to that of the start.
+TOLERANCE = 1e-10
+#: Reduction of the residual by one linear solve on the way to positive factors, and most of its iterations.
+INNER_REDUCTION, MOST_INNER = 1e-3, 100
+#: Weight of a bond whose factor is held at 0, relative to others, in a linear solve.
+HELD = 1e-6
+#: A residual this much above the best of its solve is round-off growing along the operator's fifty free motions.
+DRIFT = 100.0
+#: Sweeps and turns after which a fit ends with what it has.
+MOST_SWEEPS, MOST_TURNS = 1500, 60
+#: A step towards positive factors is halved so often at most.
+MOST_HALVINGS = 8
+#: Slack of the points that may miss their targets, relative to the mean diagonal of the operator.
+SLACK = 1e-4
+#: Rounding is undone by the bonds longer than these fractions of the cutoff radius, in turn.
+LONG_BONDS = (0.64, 0.8, 0.92)
+#: Reduction asked of each of these turns, most iterations, and the least reduction that is used.
+REFINEMENT, MOST_REFINEMENTS, LEAST_REFINEMENT = 0.02, 60, 0.3
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a fit reached; all numbers are those of the whole body.
+
+    Attributes
+    ----------
+    signs : "free" or "bounded"
+    sweeps : int
+        Over the bonds, preparations included.
+    turns : int
+        Linear solves: 1 with free signs.
+    residual, residual_in_slack : float, dimension 1
+        Largest miss of a point's ten moments, relative to the largest target, outside and inside the slack.
+    residual_rms, residual_rms_in_slack : float, dimension 1
+        Root of the mean of the squares.
+    slack_points : int
+    smallest_factor, largest_factor : float
+    share_at_bound : float
+        Bonds whose factor is 0, among all.
+    compatibility_change : float
+        Relative change of the area vectors.
+    """
+
+    signs: str
+    sweeps: int
+    turns: int
+    residual: float
+    residual_in_slack: float
+    residual_rms: float
+    residual_rms_in_slack: float
+    slack_points: int
+    smallest_factor: float
+    largest_factor: float
+    share_at_bound: float
+    compatibility_change: float
+
+
+def targets(areas: np.ndarray) -> np.ndarray:
+    """The ten moments that balance a uniform strain.
+
+    Parameters
+    ----------
+    areas : float64, shape (n, 3), dimension length^2
+        Area vectors of whole clusters of points.
+
+    Returns
+    -------
+    float64, shape (n / 4, 10, 4), dimension force
+    """
+    x, y, z = areas.T
+    zero = np.zeros(len(areas))
+    rows = np.stack([3 * x, y, z, x, zero, x, 3 * y, z, y, 3 * z], axis=1)
+    return np.ascontiguousarray((-SHEAR_MODULUS * np.sqrt(MULTIPLICITY) * rows).reshape(-1, W, N).swapaxes(1, 2))
+
+
+def solve(
+    comm,
+    multiply: Callable[[np.ndarray, float], np.ndarray],
+    precondition: Callable[[np.ndarray], np.ndarray],
+    right: np.ndarray,
+    reduction: float,
+    most: int,
+) -> tuple[np.ndarray, float]:
+    """Preconditioned conjugate gradients from 0, with exact dot products. Collective.
+
+    Parameters
+    ----------
+    multiply : callable
+        Of a vector and a bound of its points' norms.
+    right : float64, shape (n_clusters, 10, 4)
+    reduction : float
+        Of the residual's norm, at which the solve ends.
+    most : int
+        Iterations.
+
+    Returns
+    -------
+    x : float64, shape (n_clusters, 10, 4)
+    reached : float
+        Reduction of the recursive residual's norm.
+    """
+    x, r = np.zeros_like(right), right.copy()
+    z = precondition(r)
+    p = z.copy()
+    gamma, first = dots(comm, (r, z), (r, r))
+    square, iterations = first, 0
+    best, best_x = first, x.copy()
+    while iterations < most and reduction**2 * first < square < DRIFT**2 * best:
+        w = multiply(p, size_of(comm, p))
+        (curvature,) = dots(comm, (p, w))
+        if not curvature > 0.0:
+            break  # round-off: the operator has no negative direction
+        alpha = gamma / curvature
+        x += alpha * p
+        r -= alpha * w
+        z = precondition(r)
+        before = gamma
+        gamma, square = dots(comm, (r, z), (r, r))
+        if square < best:
+            best = square
+            best_x[:] = x
+        p *= gamma / before
+        p += z
+        iterations += 1
+    return best_x, math.sqrt(best / first) if first > 0.0 else 0.0
+
+
+def fit_factors(
+    comm,
+    points: Points,
+    bonds: Bonds,
+    areas: np.ndarray,
+    slack: np.ndarray,
+    bounded: bool,
+    make_grid: Callable[[float], FactorGrid],
+    compatibility_change: float,
+    modulus: float = 1.0,
+) -> tuple[Bonds, Fit, list[np.ndarray]]:
+    """Fit the factors of a body and write them into its bonds. Collective.
+
+    Parameters
+    ----------
+    bonds : Bonds
+        Without correction; the stored numbers are overwritten.
+    areas : float64, shape (n_owned * 8, 3), dimension length^2
+        Compatible area vectors of the owned points.
+    slack : bool, shape (n_owned * 8,)
+        Points that may miss their targets a little.
+    bounded : bool
+        Positive factors only.
+    make_grid : callable
+        Background grid for a weight of the slack.
+    compatibility_change : float
+        Of the area vectors, for the report.
+    modulus : float
+        Young's modulus of the bonds in model units.
+
+    Returns
+    -------
+    bonds : Bonds
+        The same rows, and their new extremes.
+    fit : Fit
+    multipliers : list of float64, shape (n_clusters, 10, 4)
+        Those of the fit, then those that undo the rounding; `write_factors` makes the same bonds from them.
+    """
+    operator = Operator(comm, points, bonds)
+    goal = modulus * targets(areas)
+    equations = _Equations(operator, goal, bounded, slack, make_grid)
+    v, turns = equations.solve_bounded() if bounded else (equations.solve_free(), 1)
+    multipliers = [v]
+    held, smallest, top = operator.write(v, START, bounded)
+    nothing, in_slack = np.zeros_like(v), equations.in_slack
+    miss = goal - operator.moments(nothing, 1.0, False)
+    for fraction in LONG_BONDS:
+        v, reached = _undo_rounding(operator, np.where(in_slack, 0.0, miss), _nearest(bonds, fraction))
+        if not reached <= LEAST_REFINEMENT:
+            break
+        multipliers.append(v)
+        operator.write(v, 1.0, False, _nearest(bonds, fraction))
+        miss = goal - operator.moments(nothing, 1.0, False)
+
+    scale = float(largest(comm, np.array([np.abs(goal).max(initial=0.0)]))[0]) or 1.0
+    parts = [np.where(in_slack, 0.0, miss), np.where(in_slack, miss, 0.0)]
+    peaks = largest(comm, np.array([np.abs(part).max(initial=0.0) for part in parts])) / scale
+    counts = np.array([np.count_nonzero(~slack), np.count_nonzero(slack), bonds.count])
+    outside, inside, n_bonds = sum_integers(comm, counts).tolist()
+    squares = dots(comm, *((part, part) for part in parts))
+    means = [math.sqrt(q / (N * max(n, 1))) / scale for q, n in zip(squares, (outside, inside), strict=True)]
+    fit = Fit(
+        signs="bounded" if bounded else "free",
+        sweeps=operator.sweeps,
+        turns=turns,
+        residual=float(peaks[0]),
+        residual_in_slack=float(peaks[1]),
+        residual_rms=means[0],
+        residual_rms_in_slack=means[1],
+        slack_points=inside,
+        smallest_factor=smallest,
+        largest_factor=top,
+        share_at_bound=held / max(n_bonds, 1),
+        compatibility_change=compatibility_change,
+    )
+    return operator.bonds, fit, multipliers
+
+
+def write_factors(comm, points: Points, bonds: Bonds, multipliers: list[np.ndarray], bounded: bool) -> Bonds:
+    """Write the factors of an earlier fit into bonds without correction: the same bits. Collective."""
+    operator = Operator(comm, points, bonds)
+    operator.write(multipliers[0], START, bounded)
+    for v, fraction in zip(multipliers[1:], LONG_BONDS, strict=False):
+        operator.write(v, 1.0, False, _nearest(bonds, fraction))
+    return operator.bonds
+
+
+def _nearest(bonds: Bonds, fraction: float) -> float:
+    return (fraction * bonds.cutoff) ** 2
+
+
+def _undo_rounding(operator: Operator, miss: np.ndarray, nearest: float) -> tuple[np.ndarray, float]:
+    """Multipliers of the bonds longer than ``sqrt(nearest)`` that take a miss away; the reduction reached."""
+    blocks = inverse_blocks(operator.blocks(1.0, nearest), np.zeros(miss.size // N))
+
+    def precondition(r):
+        z = np.empty_like(r)
+        multiply_blocks(blocks, r.reshape(-1), z.reshape(-1))
+        return z
+
+    def multiply(v, size):
+        return operator.multiply(v, size, 1.0, nearest)
+
+    return solve(operator.comm, multiply, precondition, miss, REFINEMENT, MOST_REFINEMENTS)
+
+
+class _Equations:
+    """The ten equations of every point, linearised about some multipliers."""
+
+    def __init__(self, operator: Operator, goal: np.ndarray, bounded: bool, slack: np.ndarray, make_grid):
+        self.operator, self.goal, self.bounded, self.comm = operator, goal, bounded, operator.comm
+        self.slack = slack
+        self.in_slack = np.ascontiguousarray(np.broadcast_to(slack.reshape(-1, 1, W), goal.shape))
+        sums = operator.blocks(HELD)
+        diagonal = np.ascontiguousarray(sums[:, BLOCK_ENTRIES.diagonal()] * MULTIPLICITY)
+        (total,) = dots(self.comm, (diagonal, np.ones_like(diagonal)))
+        n_points, n_slack = sum_integers(self.comm, np.array([slack.size, np.count_nonzero(slack)])).tolist()
+        self.omega = SLACK * total / (N * n_points) if n_slack else 0.0
+        self.blocks = inverse_blocks(sums, np.where(slack, self.omega, 0.0))
+        self.grid = make_grid(self.omega)
+
+    def solve_free(self) -> np.ndarray:
+        """Multipliers whose factors have any sign: one linear solve."""
+        miss = self._miss(np.zeros_like(self.goal))
+        v, _ = solve(self.comm, self._multiply, self._precondition, miss, TOLERANCE, MOST_SWEEPS)
+        return v
+
+    def solve_bounded(self) -> tuple[np.ndarray, int]:
+        """Multipliers whose factors are positive: semi-smooth Newton steps; their number."""
+        v = np.zeros_like(self.goal)
+        miss = self._miss(v)
+        first = size = math.sqrt(dots(self.comm, (miss, miss))[0])
+        turns = 0
+        while size > TOLERANCE * first and turns < MOST_TURNS and self.operator.sweeps < MOST_SWEEPS:
+            if turns:
+                self.blocks = inverse_blocks(self.operator.blocks(HELD), np.where(self.slack, self.omega, 0.0))
+            goal = max(INNER_REDUCTION, 0.3 * TOLERANCE * first / size)
+            step, _ = solve(self.comm, self._multiply, self._precondition, miss, goal, MOST_INNER)
+            before, turns = size, turns + 1
+            for halving in range(MOST_HALVINGS + 1):
+                v += step
+                miss = self._miss(v)
+                square, along = dots(self.comm, (miss, miss), (step, miss))
+                size = math.sqrt(square)
+                if size < before or along >= 0.0 or halving == MOST_HALVINGS:
+                    break  # closer, or still on the way down: the energy along the step is convex
+                v -= step
+                step *= 0.5
+        return v, turns
+
+    def _miss(self, v: np.ndarray) -> np.ndarray:
+        """What is left of the equations; marks the bonds whose factors are held at 0."""
+        miss = self.goal - self.operator.moments(v, START, self.bounded)
+        if self.omega:
+            miss -= self.omega * np.where(self.in_slack, v, 0.0)
+        return miss
+
+    def _multiply(self, v: np.ndarray, size: float) -> np.ndarray:
+        product = self.operator.multiply(v, size, HELD)
+        if self.omega:
+            product += self.omega * np.where(self.in_slack, v, 0.0)
+        return product
+
+    def _precondition(self, r: np.ndarray) -> np.ndarray:
+        """``B^-1 r + T C^-1 T^t r``."""
+        z = np.empty_like(r)
+        multiply_blocks(self.blocks, r.reshape(-1), z.reshape(-1))
+        quantum, _ = pattern_for(64.0 * size_of(self.comm, r))
+        self.grid.add_correction(self.comm, r, quantum, z)
+        return z
