@@ -4,8 +4,8 @@ The release rate is ``G = -load^2 dU/dA`` with the strain energy U at unit load 
 several lengths. The length of a grown crack is that of the ideal crack of the same stiffness: where bonds broke one by
 one, nothing else tells where it ends. ``G_c`` is the energy at critical stretch of the bonds that a plane cuts in the
 intact body. ``G / G_c`` at the loads of the next breaks is a saw-tooth, from below .8 to above 1.3, one tooth for each
-layer of points: means are taken over several cells of growth. The first break is not compared with anything: it is a
-quantity of the lattice.
+layer of points: means are taken over the growth of several cells. The first break is not compared with anything: it
+is a quantity of the lattice.
 """
 
 import numpy as np
@@ -26,18 +26,22 @@ SMALL = 1e-3  # load factor of the ideal cracks: nothing breaks
 CLOSED = 1e-10
 
 CASES = {
-    "double cantilever, one cell thick": (
+    "double cantilever": (  # 1.07 is found
         "double_cantilever.toml",
         ["mesh.lower=[-0.6,0.0,-0.05]", "mesh.upper=[0.6,2.4,0.05]", "stepping.eta=0.03"],
         np.arange(1.01, 2.0, 0.1),
     ),
-    "double cantilever": ("double_cantilever.toml", [], np.arange(1.01, 2.3, 0.1)),
-    "centre crack, one cell thick": (
+    "double cantilever, longer": (  # 1.07
+        "double_cantilever.toml",
+        ["mesh.lower=[-0.6,0.0,-0.05]", "mesh.upper=[0.6,3.2,0.05]"],
+        np.arange(1.01, 2.3, 0.1),
+    ),
+    "centre crack": (  # 1.10
         "plate_centre_crack.toml",
         ["mesh.lower=[-1.6,-1.6,-0.05]", "mesh.upper=[1.6,1.6,0.05]"],
-        np.arange(0.51, 1.2, 0.1),
+        np.arange(0.51, 1.3, 0.1),
     ),
-}
+}  # all one cell thick
 
 
 def with_tip(scene, tip):
@@ -90,14 +94,15 @@ def grown(deck, overrides, tips):
 
 
 @pytest.mark.parametrize(
-    "name", [name if "cantilever, one" in name else pytest.param(name, marks=pytest.mark.slow) for name in CASES]
+    "name", [name if name == "double cantilever" else pytest.param(name, marks=pytest.mark.slow) for name in CASES]
 )
 def test_crack_grows_at_its_own_fracture_energy(name):
     """Mean G / G_c over four cells of growth, after the first: .90 to 1.12; the ledger closes all along."""
     length, ratio, rows = grown(*CASES[name])
     steady = length > length[0] + FIRST_TEETH
     assert length[-1] - length[0] >= FIRST_TEETH + GROWTH
-    assert LOWEST <= ratio[steady].mean() <= HIGHEST, ratio
+    growth, means = np.diff(length[steady]), 0.5 * (ratio[steady][1:] + ratio[steady][:-1])
+    assert LOWEST <= means @ growth / growth.sum() <= HIGHEST, ratio
     assert rows[0].broken == 0
     assert all(row.event == "critical" for row in rows)
     assert max(abs(row.ledger_error) for row in rows) <= CLOSED

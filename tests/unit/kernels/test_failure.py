@@ -13,7 +13,9 @@ ROUND_OFF = 1e-11  # relative: a few operations in float64 on differences of dis
 STRAIN = 2e-3
 SMALL = (2, 1, 1)
 KINEMATICS = pytest.mark.parametrize("finite", [False, True], ids=["linear", "finite"])
-SIZES = pytest.mark.parametrize("cells", [pytest.param(SMALL, marks=pytest.mark.nojit), (4, 3, 2)], ids=["tiny", "small"])
+SIZES = pytest.mark.parametrize(
+    "cells", [pytest.param(SMALL, marks=pytest.mark.nojit), (4, 3, 2)], ids=["tiny", "small"]
+)
 AMPLITUDE, SEED = 0.1, 7
 SINGLE = 2.0**-23  # relative: twice the rounding of a stored number; finite rows store 1 / r0^2 so
 

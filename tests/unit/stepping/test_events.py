@@ -1,4 +1,4 @@
-"""From break to break: exact first breaks, closed ledgers, symmetry, arrests, ends, energy control, finite kinematics."""
+"""From break to break: first breaks, closed ledgers, symmetry, arrests, ends, energy control, finite kinematics."""
 
 import numpy as np
 import pytest
@@ -68,7 +68,9 @@ def test_first_break_from_one_solve_is_that_of_fine_steps(options):
     assert rows[1].reaction == pytest.approx(first.reaction, rel=2.0 * FIRST_BREAK)
 
 
-@pytest.mark.parametrize("options", [{}, {"elements": 2}, {"kinematics": "finite"}], ids=["bonds", "elements", "finite"])
+@pytest.mark.parametrize(
+    "options", [{}, {"elements": 2}, {"kinematics": "finite"}], ids=["bonds", "elements", "finite"]
+)
 def test_symmetric_body_breaks_symmetrically(options):
     """A strip with a crack at its middle: as many bonds break on either side of each of its planes of symmetry."""
     run = followed(strip(**options), 30)
@@ -171,7 +173,7 @@ def test_stagnation_is_named(monkeypatch):
 
     monkeypatch.setattr(events.cg, "improve", nothing)
     run = failing(strip())
-    with pytest.raises(NotConverged, match=r"after \d+ broken bonds the relative residual stagnates at .* The last bonds"):
+    with pytest.raises(NotConverged, match=r"after \d+ broken bonds .* stagnates at .* The last bonds"):
         list(run.follow())
     assert [row.event for row in run.rows] == ["critical"]
 
