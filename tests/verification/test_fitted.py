@@ -234,7 +234,7 @@ def test_tractions_pull_at_points_and_elements_alike():
 def test_bonds_of_another_material_than_the_unit_of_stress():
     """A body of a softer material than the deck's default one: the same factors, its own stress."""
     soft = {"soft": Material(youngs_modulus=250.0)}
-    # far from the overlap elements are of the default material: uniform strains are no equilibrium there, but for the fit
+    # far from the overlap, elements are of the default material: no uniform strain is an equilibrium there
     regions = (
         Region(name="stiff", model="finite_elements", upper=(3.0, 3.0, 3.0)),
         Region(name="elements", model="finite_elements", material="soft", lower=(3.0, 0, 0), upper=(6.0, 3.0, 3.0)),
