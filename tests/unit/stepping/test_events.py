@@ -109,6 +109,8 @@ def test_arrests_are_stable():
     run = failing(strip(crack=EDGE, arrest_tolerance=1e-4))
     arrests = 0
     for row in run.follow(20):
+        if row.event != "batch":  # what peaks and the end are judged by
+            assert run.body.state.program["reaction"] == pytest.approx(row.reaction, rel=EXACT)
         if row.event == "arrest":
             arrests += 1
             assert row.convergence.residual <= 1e-4
@@ -139,11 +141,11 @@ def test_end_load_factor_is_met_exactly():
 @pytest.mark.parametrize("control", ["load", "energy"])
 def test_end_reaction(control):
     """The run ends as soon as the reaction is below the fraction of the peak."""
-    rows = followed(strip(end_reaction=0.5, control=control, report_every=1)).rows
+    rows = followed(strip(end_reaction=0.8, control=control, report_every=1)).rows
     peak = max(row.reaction for row in rows if row.event == "critical")
     assert rows[-1].event == "end"
-    assert rows[-1].reaction < 0.5 * peak
-    assert all(row.reaction >= 0.5 * peak for row in rows[:-1] if row.event != "batch")  # which is told after relaxing
+    assert rows[-1].reaction < 0.8 * peak
+    assert all(row.reaction >= 0.8 * peak for row in rows[:-1] if row.event != "batch")  # which is told after relaxing
 
 
 def test_dead_loads_tear_the_body_apart():
