@@ -119,14 +119,14 @@ def test_without_fitted_factors_the_same_patch_tests_fail():
 
 
 def with_hole():
-    return plate_with_hole((0.0, 0.0, 0.0), (14.0, 14.0, 2.0), 3.0, 1.0)
+    return plate_with_hole((0.0, 0.0, 0.0), (14.0, 14.0, 3.0), 3.0, 1.0)
 
 
 MESHES = {
     # of a body whose cells are jittered, some have corners so sharp that free factors make it unstable; these have not
     "jittered": ((5, 4, 3), lambda: jittered((5, 4, 3), 0.15, 2), "free", EXACT),
-    "hole": ((14, 14, 2), with_hole, "free", EXACT),
-    "hole, bounded": ((14, 14, 2), with_hole, "bounded", IN_SLACK),
+    "hole": ((14, 14, 3), with_hole, "free", EXACT),
+    "hole, bounded": ((14, 14, 3), with_hole, "bounded", IN_SLACK),
 }
 
 
