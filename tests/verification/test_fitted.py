@@ -13,6 +13,8 @@ from pdfem_mpi.loading import remove_rigid_motion
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import cluster_layout
+from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.run import check_scene
 from pdfem_mpi.scene import Material, Region, SceneError, Traction
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import NotConverged
@@ -256,3 +258,13 @@ def test_bodies_of_several_materials_are_refused():
     )
     with pytest.raises(SceneError, match=r"bodies of one material.*soft.*virial"):
         fitted((8, 2, 2), regions=regions, materials={"soft": Material(youngs_modulus=250.0)})
+
+
+def test_check_tells_what_a_fit_takes():
+    """Sweeps and seconds before anything is allocated; nothing of the kind where nothing is fitted."""
+    scenes = {
+        correction: make_scene((6, 4, 4), correction=correction, signs="bounded") for correction in ("fitted", "virial")
+    }
+    told = {name: check_scene(scene, mpi().COMM_SELF) for name, scene in scenes.items()}
+    assert re.fullmatch(r"400 sweeps, \S+ s unless it is found from before", told["fitted"]["fit of bond factors, about"])
+    assert "fit of bond factors, about" not in told["virial"]
