@@ -236,7 +236,7 @@ def test_tractions_pull_at_points_and_elements_alike():
 def test_bonds_of_another_material_than_the_unit_of_stress():
     """A body of a softer material than the deck's default one: the same factors, its own stress."""
     soft = {"soft": Material(youngs_modulus=250.0)}
-    # elements far from the overlap are of the default material: uniform strains are no equilibrium there, but the fit is
+    # elements far from the overlap are of the default material; they take no part in the fit
     regions = (
         Region(name="stiff", model="finite_elements", upper=(3.0, 3.0, 3.0)),
         Region(name="elements", model="finite_elements", material="soft", lower=(3.0, 0, 0), upper=(6.0, 3.0, 3.0)),
@@ -266,5 +266,6 @@ def test_check_tells_what_a_fit_takes():
         correction: make_scene((6, 4, 4), correction=correction, signs="bounded") for correction in ("fitted", "virial")
     }
     told = {name: check_scene(scene, mpi().COMM_SELF) for name, scene in scenes.items()}
-    assert re.fullmatch(r"400 sweeps, \S+ s unless it is found from before", told["fitted"]["fit of bond factors, about"])
+    expected = r"400 sweeps, \S+ s unless it is found from before"
+    assert re.fullmatch(expected, told["fitted"]["fit of bond factors, about"])
     assert "fit of bond factors, about" not in told["virial"]
