@@ -13,6 +13,8 @@ from pdfem_mpi.loading import remove_rigid_motion
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import cluster_layout
+from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.run import check_scene
 from pdfem_mpi.scene import Material, Region, SceneError, Traction
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import NotConverged
@@ -119,14 +121,14 @@ def test_without_fitted_factors_the_same_patch_tests_fail():
 
 
 def with_hole():
-    return plate_with_hole((0.0, 0.0, 0.0), (14.0, 14.0, 2.0), 3.0, 1.0)
+    return plate_with_hole((0.0, 0.0, 0.0), (14.0, 14.0, 3.0), 3.0, 1.0)
 
 
 MESHES = {
     # of a body whose cells are jittered, some have corners so sharp that free factors make it unstable; these have not
     "jittered": ((5, 4, 3), lambda: jittered((5, 4, 3), 0.15, 2), "free", EXACT),
-    "hole": ((14, 14, 2), with_hole, "free", EXACT),
-    "hole, bounded": ((14, 14, 2), with_hole, "bounded", IN_SLACK),
+    "hole": ((14, 14, 3), with_hole, "free", EXACT),
+    "hole, bounded": ((14, 14, 3), with_hole, "bounded", IN_SLACK),
 }
 
 
@@ -256,3 +258,14 @@ def test_bodies_of_several_materials_are_refused():
     )
     with pytest.raises(SceneError, match=r"bodies of one material.*soft.*virial"):
         fitted((8, 2, 2), regions=regions, materials={"soft": Material(youngs_modulus=250.0)})
+
+
+def test_check_tells_what_a_fit_takes():
+    """Sweeps and seconds before anything is allocated; nothing of the kind where nothing is fitted."""
+    scenes = {
+        correction: make_scene((6, 4, 4), correction=correction, signs="bounded") for correction in ("fitted", "virial")
+    }
+    told = {name: check_scene(scene, mpi().COMM_SELF) for name, scene in scenes.items()}
+    expected = r"400 sweeps, \S+ s unless it is found from before"
+    assert re.fullmatch(expected, told["fitted"]["fit of bond factors, about"])
+    assert "fit of bond factors, about" not in told["virial"]
