@@ -27,6 +27,7 @@ AXES = ("x", "y", "z")
 SPACING_TOLERANCE = 1e-6  # relative misfit of a side and a whole number of spacings: decks print 6 digits
 MAX_CELLS = 2**28  # 2**31 points: far above any machine this is for; catches a spacing typed in other units
 HOLE_CELLS = 2  # spacings that the radius of a hole, and its distance from an edge, must have: room to grade cells
+MOST_REGIONS = 255  # classes of bonds are stored in one byte a cluster
 CUTOFF_RATIO = 2.5  # r_c / l of the paper (sec. 4.1, appendix B)
 MESH_SUFFIXES = (".msh", ".inp", ".vtu", ".exo", ".e")  # Gmsh, Abaqus, VTK, Exodus II
 DEFAULT_MATERIAL = "default"  # what regions and interfaces call the table [material]
@@ -1247,7 +1248,11 @@ def cutoff_problems(peridynamics: Peridynamics, edge: float, name: str) -> list[
 
 
 def _check_region_names(regions: Sequence[Region]) -> list[Problem]:
-    return _repeated_names("regions", regions)
+    problems = _repeated_names("regions", regions)
+    if len(regions) > MOST_REGIONS:
+        text = f"are {len(regions)}, and at most {MOST_REGIONS} can be told apart. Join some of them."
+        problems.append(Problem("regions", text))
+    return problems
 
 
 def _check_probe_names(probes: Sequence[Any]) -> list[Problem]:

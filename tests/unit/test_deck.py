@@ -82,10 +82,9 @@ def test_every_deck_of_jobs_is_sound_and_survives_writing(path):
 @pytest.mark.parametrize("path", [path for path in DECKS if "gmsh" not in path.stem], ids=lambda path: path.stem)
 def test_every_deck_of_jobs_can_be_made_coarser(path):
     """By the overrides that its comment names; lengths of peridynamics follow, unless the deck fixes them."""
-    advice = path.read_text().split("# Coarser:")[1].split("\n\n")[0]
+    advice = path.read_text().split("Coarser:")[1].split("\n\n")[0]
     fine, coarse = read_deck(path), read_deck(path, re.findall(r"--set (\S+)", advice))
-    assert coarse.mesh.spacing >= 2.0 * fine.mesh.spacing
-    assert math.prod(coarse.mesh.n_cells) < math.prod(fine.mesh.n_cells) / 5
+    assert math.prod(coarse.mesh.n_cells) <= math.prod(fine.mesh.n_cells) / 4
     ratio = coarse.mesh.spacing / fine.mesh.spacing
     lengths = [scene.peridynamics.lengths(scene.mesh.spacing)[0] for scene in (fine, coarse)]
     assert lengths[1] in (lengths[0], pytest.approx(ratio * lengths[0]))
@@ -93,9 +92,12 @@ def test_every_deck_of_jobs_can_be_made_coarser(path):
 
 @pytest.mark.parametrize("path", DECKS, ids=lambda path: path.stem)
 def test_every_deck_of_jobs_opens_with_a_comment(path):
-    """What it shows, the section of the paper, the closed form, what is ambiguous."""
+    """What it shows, the section of the paper, the closed form, what is ambiguous; or what else it is held to."""
     opening = path.read_text().split("\n\n")[0]
     assert all(line.startswith("#") for line in opening.splitlines())
+    assert "Units: in, lbf, psi." in opening
+    if "Linear elastic fracture mechanics:" in opening:
+        return
     assert re.search("Paper: (section|appendix)", opening) and "Closed form" in opening and "ambiguous" in opening
 
 
