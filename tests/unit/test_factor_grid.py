@@ -40,6 +40,7 @@ def test_grid_fits_into_its_budget(extent):
         assert (counts == np.maximum(1, np.rint(np.array(extent) / 2))).all()
 
 
+@pytest.mark.slow
 def test_grid_is_the_limit_of_the_operator_for_slow_multipliers():
     """A linear field in a block: the grid solves for its forces, and finds its energy but for what surfaces cut off."""
     body = build(make_scene((8, 8, 8), correction="none", loads=()))

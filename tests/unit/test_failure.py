@@ -61,6 +61,7 @@ def test_regions_that_may_not_fail():
         assert name == ("first", "left", "middle", "right", "last")[place]
 
 
+@pytest.mark.slow
 def test_breaks_keep_out_of_regions_that_may_not_fail():
     """Midpoints of broken bonds, and their ends: none in the ends of the strip, however far it is torn."""
     run = followed(strip(end_reaction=0.2))

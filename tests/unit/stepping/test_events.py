@@ -119,6 +119,7 @@ def test_arrests_are_stable():
     assert arrests >= 3
 
 
+@pytest.mark.slow
 def test_peak_hardly_depends_on_inner_iterations():
     """Stable states are the same whether relaxed a little or fully between batches, to .1 % of the peak."""
     peaks = [
