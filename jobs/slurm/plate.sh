@@ -4,7 +4,7 @@
 #
 #   sbatch jobs/slurm/plate.sh                      scancel --signal=USR1 --batch JOB    stops it now
 #
-# Tried by hand with the launchers of MPICH and Open MPI (signal, exit code 75, next start); not run under Slurm.
+# Not run under Slurm. Signals, exit code 75 and the next start were tried with MPICH's launcher alone.
 # Slurm's own signals do not reach ranks reliably through mpirun, so the batch shell takes them and passes them on.
 #SBATCH --job-name=plate --nodes=2 --ntasks-per-node=64 --time=04:00:00
 #SBATCH --signal=B:USR1@300 --requeue --open-mode=append
