@@ -89,7 +89,7 @@ def stages(include_slow: bool) -> list[Stage]:
                 [sys.executable, "-m", "pdfem_mpi", "warmup"],  # once, before two processes would both compile
                 pytest("serial.xml", "-m", f"not mpi{slow}", "--ignore=tests/conventions", *TWO_AT_ONCE),
             ],
-            limit(300),
+            limit(420),
             [REPORTS / "serial.xml"],
         ),
         Stage(
@@ -99,8 +99,8 @@ def stages(include_slow: bool) -> list[Stage]:
             [REPORTS / "no-jit.xml"],
             {"NUMBA_DISABLE_JIT": "1"},
         ),
-        mpi_stage(2, limit(240), f"mpi{slow}"),
-        mpi_stage(4, limit(300), f"mpi{slow}"),
+        mpi_stage(2, limit(360), f"mpi{slow}"),
+        mpi_stage(4, limit(480), f"mpi{slow}"),
     ]
 
 
