@@ -58,6 +58,7 @@ class Started:
             [sys.executable, "-m", "pdfem_mpi", *map(str, arguments)],
             cwd=ROOT,
             env=outside_launcher(**additions),
+            stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
