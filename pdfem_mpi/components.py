@@ -215,6 +215,50 @@ def unbalanced(model: Model, parts: Parts, loose: tuple[Loose, ...], external: n
     external : float64, shape (n_unknowns,), dimension force
         0 on fixed unknowns.
     """
+    messages, units = [], model.units
+    for part, row, motion in _out_of_balance(model, parts, loose, external):
+        total = np.where(np.abs(row[:6]) > BALANCE_TOLERANCE * row[6:], row[:6], 0.0)
+        net = ", ".join(f"{f:.6g}" for f in total[:3] * units.force)
+        moment = ", ".join(f"{m:.6g}" for m in total[3:] * units.force * units.length)
+        messages.append(
+            f"loads are not in balance on a part of the body that hangs together with no other, {part.text}: they sum "
+            f"to a force of ({net}) and a moment of ({moment}) about its middle, and no support holds "
+            f"{_motion_names(part.motions[[motion]])}. Support that part, balance its loads, or let the "
+            "crack end inside the body."
+        )
+    left = len(messages) - NAMED
+    return messages[:NAMED] + ([f"and {left} parts more of this kind."] if left > 0 else [])
+
+
+def without_equilibrium(model: Model, fixed: np.ndarray, external: np.ndarray) -> tuple[np.ndarray, list[Loose]]:
+    """Unknowns of the parts that hang together now and whose loads nothing balances, and those parts. Collective.
+
+    Parameters
+    ----------
+    fixed : bool, shape (n_unknowns,)
+    external : float64, shape (n_unknowns,), dimension force
+        0 on fixed unknowns.
+
+    Returns
+    -------
+    bool, shape (n_unknowns,)
+    list of Loose
+    """
+    parts = find_parts(model)
+    wrong = [part for part, _, _ in _out_of_balance(model, parts, find_loose(model, parts, fixed), external)]
+    rows = np.isin(parts.of, [part.part for part in wrong])
+    rows = np.repeat(rows[:, None], 3, axis=1)
+    n = model.n_point_unknowns
+    return np.concatenate([cluster_layout(rows[: n // 3]), rows[n // 3 :].reshape(-1)]), wrong
+
+
+def _out_of_balance(model: Model, parts: Parts, loose: tuple[Loose, ...], external: np.ndarray):
+    """Loose parts with unbalanced loads; their forces, moments and the sums of magnitudes; their worst motion.
+
+    Returns
+    -------
+    list of (Loose, float64 of shape (12,), int)
+    """
     if not loose:
         return []
     which, y = _within(model, parts, loose)
@@ -224,24 +268,13 @@ def unbalanced(model: Model, parts: Parts, loose: tuple[Loose, ...], external: n
     table = np.zeros((len(which), 12))
     table[which >= 0] = np.concatenate([terms.sum(axis=2), np.abs(terms).sum(axis=2)], axis=1)
     sums = _sums(model.comm, Parts(np.maximum(which, 0), len(loose)), which >= 0, table)
-    messages, units = [], model.units
+    found = []
     for part, row in zip(loose, sums, strict=True):
         work = np.abs(part.motions @ row[:6])
         gross = np.abs(part.motions) @ row[6:]
-        wrong = work > BALANCE_TOLERANCE * gross.max()
-        if not wrong.any():
-            continue
-        total = np.where(np.abs(row[:6]) > BALANCE_TOLERANCE * row[6:], row[:6], 0.0)
-        net = ", ".join(f"{f:.6g}" for f in total[:3] * units.force)
-        moment = ", ".join(f"{m:.6g}" for m in total[3:] * units.force * units.length)
-        messages.append(
-            f"loads are not in balance on a part of the body that hangs together with no other, {part.text}: they sum "
-            f"to a force of ({net}) and a moment of ({moment}) about its middle, and no support holds "
-            f"{_motion_names(part.motions[[int(np.argmax(work))]])}. Support that part, balance its loads, or let the "
-            "crack end inside the body."
-        )
-    left = len(messages) - NAMED
-    return messages[:NAMED] + ([f"and {left} parts more of this kind."] if left > 0 else [])
+        if (work > BALANCE_TOLERANCE * gross.max()).any():
+            found.append((part, row, int(np.argmax(work))))
+    return found
 
 
 def settle(model: Model, parts: Parts, loose: tuple[Loose, ...], volume: np.ndarray, u: np.ndarray) -> None:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pdfem_mpi.boundary_areas import face_shares
-from pdfem_mpi.components import Loose, Parts, find_loose, find_parts, settle, unbalanced
+from pdfem_mpi.components import Loose, Parts, find_loose, find_parts, settle, unbalanced, without_equilibrium
 from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_volumes
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
@@ -143,6 +143,13 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
     if messages := unbalanced(model, parts, loose, external):
         raise SceneError(messages)
     return case
+
+
+def without_loads_on_loose_parts(model: Model, case: LoadCase) -> tuple[LoadCase, list[Loose]]:
+    """The load case less the loads of parts that no equilibrium holds now; those parts. Collective."""
+    rows, parts = without_equilibrium(model, case.fixed, case.external)
+    external = np.where(rows, 0.0, case.external)
+    return replace(case, external=external, load=_one_way(model, external)), parts
 
 
 def component(model: Model) -> np.ndarray:

@@ -367,8 +367,6 @@ class Keeper:
     seconds, size : float, int
         Of the last checkpoint.
     seconds_in_all : float
-    beat : callable
-        Called now and then while a checkpoint is written.
     restarts : list of dict
         One entry for each start from a checkpoint, the last one's included.
     """
@@ -390,7 +388,6 @@ class Keeper:
         self.folder, self.keep = out / FOLDER, scene.checkpoint.keep
         self.written = self.failed = self.size = 0
         self.seconds = self.seconds_in_all = 0.0
-        self.beat: Callable[[], None] = lambda: None
         self.restarts = list(start.header.get("restarts", []))
         self._flush, self._tell = flush, tell
         self._before, self._started = start.header.get("seconds", 0.0), started
@@ -447,7 +444,7 @@ class Keeper:
                 writer = self._open(header)
             except OSError as error:
                 problem = error
-        write_tables(self.model, self.layout, state.fields, moment.broken, writer, self.beat)
+        write_tables(self.model, self.layout, state.fields, moment.broken, writer)
         if writer:
             try:
                 self.size = writer.finish(header)
@@ -455,7 +452,6 @@ class Keeper:
                 problem = error
         faults.begin("outcome")
         reason = broadcast(comm, None if problem is None else getattr(problem, "strerror", None) or str(problem))
-        self.beat()
         self.seconds = perf_counter() - begun
         self.seconds_in_all += self.seconds
         if reason is None:

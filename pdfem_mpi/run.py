@@ -260,7 +260,9 @@ class _Run:
             start, refusal = broadcast(self.comm, on_root(self.comm, self._enter))
             if refusal:
                 raise Refused(*refusal)
-            return self._go(start)
+            hang = self.out / f"run.r{self.comm.rank}.hang"
+            with Watchdog(self.comm, hang, patience()) if self.ways.watched else Asleep():
+                return self._go(start)
         finally:
             if self.lock:
                 self.lock.release()
@@ -336,35 +338,30 @@ class _Run:
         code, reason, fields, rows = EXIT_FINISHED, None, None, 0
         over = state.program.pop("over", 0) and not start.changed
         n_steps = len(scene.stepping.load_factors) if isinstance(scene.stepping, Steps) else None
-        dog = Watchdog(comm, self.out / f"run.r{comm.rank}.hang", patience()) if self.ways.watched else Asleep()
-        keeper.beat = dog.beat
 
         def watch(step, progress):
-            dog.beat()
             self.reporter.progress(step, n_steps, progress, scene.solver.tolerance)
 
         if not start.path:
             state.began = perf_counter()
         solve_start, output = perf_counter(), 0.0
         try:
-            with dog:
-                program = () if over else follow_load_program(scene, solve, failure, state, case, watch)
-                for rows, row in enumerate(program, start=1):  # noqa: B007 - asked for after the loop
-                    self.energy_error = row.convergence.energy_error
-                    output_start = perf_counter()
-                    fields = gather_fields(discretization, forces, state.u)
-                    columns = _history_row(row, discretization.units, failure is not None)
-                    damage = gather_damage(discretization, model)
-                    on_root(comm, lambda c=columns, f=fields, d=damage: writer(c, f, d))
-                    self.reporter.row(columns)
-                    output += perf_counter() - output_start
-                    dog.beat()
-                if not rows:  # nothing was left to do: the fields are those of the last step
-                    again = Forces(model, state.bounds)
-                    again.evaluate_surely(state.u, np.zeros_like(state.u), np.empty_like(state.u))
-                    fields = gather_fields(discretization, again, state.u)
-                state.program["over"] = 1
-                pauses.save(state)
+            program = () if over else follow_load_program(scene, solve, failure, state, case, watch)
+            for rows, row in enumerate(program, start=1):  # noqa: B007 - asked for after the loop
+                self.energy_error = row.convergence.energy_error
+                output_start = perf_counter()
+                fields = gather_fields(discretization, forces, state.u)
+                columns = _history_row(row, discretization.units, failure is not None)
+                damage = gather_damage(discretization, model)
+                on_root(comm, lambda c=columns, f=fields, d=damage: writer(c, f, d))
+                self.reporter.row(columns)
+                output += perf_counter() - output_start
+            if not rows:  # nothing was left to do: the fields are those of the last step
+                again = Forces(model, state.bounds)
+                again.evaluate_surely(state.u, np.zeros_like(state.u), np.empty_like(state.u))
+                fields = gather_fields(discretization, again, state.u)
+            state.program["over"] = 1
+            pauses.save(state)
         except (NotConverged, NotFinite) as error:
             code, reason = EXIT_NOT_CONVERGED, str(error)
             keeper.save_good()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -69,7 +68,6 @@ def write_tables(
     fields: dict[str, np.ndarray],
     broken: np.ndarray,
     writer: Writer | None,
-    beat: Callable[[], None] = lambda: None,
 ) -> None:
     """Gather the unknowns and broken bonds a slab at a time, and write them. Collective.
 
@@ -81,8 +79,6 @@ def write_tables(
         Global ids ``i < j`` of the broken bonds that this rank computes, each bond on one rank.
     writer : Writer or None
         Rank 0's, which keeps its errors to itself.
-    beat : callable
-        Called after every slab.
     """
     n = model.n_point_unknowns
     for field in FIELDS:
@@ -91,19 +87,16 @@ def write_tables(
         for first, slab in gather_slabs(model.comm, layout.cells, points, layout.n_cells):
             if writer:
                 writer.write_rows(f"points/{field.name}", 8 * first, slab.reshape(-1, 3))
-            beat()
         if field is FIELDS[1]:
             faults.begin("write")
         for first, slab in gather_slabs(model.comm, layout.nodes, values[n:].reshape(-1, 3), layout.n_nodes):
             if writer:
                 writer.write_rows(f"nodes/{field.name}", first, slab)
-            beat()
     done = 0
     for pairs in gather_pairs(model.comm, broken, layout.n_points):
         if writer:
             writer.write_rows(BROKEN, done, pairs)
             done += len(pairs)
-        beat()
 
 
 def total_broken(model: Model, broken: np.ndarray) -> tuple[int, bool]:

@@ -1,4 +1,4 @@
-"""The watchdog: no progress for too long ends all ranks, with the stacks of those that hang in a file."""
+"""The watchdog: no word from the others for too long ends all ranks, with the stacks of those that hang in a file."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import faulthandler
 import os
 import sys
 import threading
+from collections import deque
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from pdfem_mpi.parallel.comm import EXIT_INTERNAL_ERROR
+from pdfem_mpi.parallel.comm import EXIT_INTERNAL_ERROR, hearing
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -29,15 +30,13 @@ class Asleep:
     def __exit__(self, *exception: Any) -> None:
         pass
 
-    def beat(self) -> None:
-        """Hear nothing."""
-
 
 class Watchdog:
-    """A thread that ends all ranks when this one has made no progress for too long.
+    """A thread that ends all ranks when this one has heard nothing from the others for too long.
 
-    It dumps the stacks of all threads first. Where even the thread cannot run, because something holds Python's lock,
-    `faulthandler`'s own timer ends the process after twice the time.
+    Within it, every sum or word that comes through from the others is a beat (`parallel.comm.hearing`). It dumps the
+    stacks of all threads first. Where even the thread cannot run, because something holds Python's lock, the timer of
+    `faulthandler` ends the process after twice the time.
 
     Parameters
     ----------
@@ -45,26 +44,29 @@ class Watchdog:
     hang : str or Path
         The file of the dump.
     seconds : float
-        Least time without a beat; ten times the median of the last beats' distances where that is longer.
+        Least time without a beat; ten times the longest of the last beats' distances where that is longer.
     """
 
-    BEATS = 101
+    BEATS = 100
     FACTOR = 10.0
 
     def __init__(self, comm: Intracomm, hang: Any, seconds: float = 300.0):
         self.comm, self.hang, self.seconds = comm, hang, seconds
         self._last = monotonic()
-        self._distances: list[float] = []
+        self._distances: deque[float] = deque(maxlen=self.BEATS)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
         self._armed = 0.0
+        self._hearing = hearing(self.beat)
 
     def __enter__(self) -> Watchdog:
         self.beat()
+        self._hearing.__enter__()
         self._thread.start()
         return self
 
     def __exit__(self, *exception: Any) -> None:
+        self._hearing.__exit__(*exception)
         self._over.set()
         self._thread.join()
         faulthandler.cancel_dump_traceback_later()
@@ -72,7 +74,7 @@ class Watchdog:
     def beat(self) -> None:
         """There is progress."""
         now = monotonic()
-        self._distances = [*self._distances[1 - self.BEATS :], now - self._last]
+        self._distances.append(now - self._last)
         self._last = now
         if now - self._armed > 0.25 * self.seconds:
             self._armed = now
@@ -80,8 +82,7 @@ class Watchdog:
 
     def limit(self) -> float:
         """Seconds without a beat that are too many."""
-        distances = sorted(self._distances)
-        return max(self.seconds, self.FACTOR * distances[len(distances) // 2]) if distances else self.seconds
+        return max(self.seconds, self.FACTOR * max(list(self._distances), default=0.0))
 
     def _watch(self) -> None:
         while not self._over.wait(min(1.0, 0.1 * self.seconds)):

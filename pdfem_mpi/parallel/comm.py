@@ -12,6 +12,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -70,6 +71,24 @@ def check_launcher(comm: Intracomm) -> str | None:
     return None
 
 
+_heard: list[Callable[[], None]] = []
+
+
+@contextmanager
+def hearing(beat: Callable[[], None]) -> Iterator[None]:
+    """Call ``beat`` whenever this rank heard from the others: a sum, a word or a slab of rows came through."""
+    _heard.append(beat)
+    try:
+        yield
+    finally:
+        _heard.remove(beat)
+
+
+def _tell_of_progress() -> None:
+    for beat in _heard:
+        beat()
+
+
 def sum_integers(comm: Intracomm, values: Array) -> Array:
     """Return the sum over all ranks, exact in any order, as int64. Collective.
 
@@ -80,6 +99,7 @@ def sum_integers(comm: Intracomm, values: Array) -> Array:
     own = np.asarray(values).astype(np.int64, order="C", casting="safe")
     total = np.empty_like(own)
     comm.Allreduce(own, total, op=mpi().SUM)
+    _tell_of_progress()
     return total
 
 
@@ -97,6 +117,7 @@ def largest(comm: Intracomm, values: Array) -> Array:
     both = np.stack([np.where(is_nan, -np.inf, own) + 0.0, is_nan])
     result = np.empty_like(both)
     comm.Allreduce(both, result, op=mpi().MAX)
+    _tell_of_progress()
     return np.where(result[1] > 0.0, np.nan, result[0])
 
 
@@ -176,6 +197,7 @@ def gather_slabs(comm: Intracomm, global_ids: Array, rows: Array, n_global: int)
         slab_rows = np.empty((len(slab_ids), *rows.shape[1:]), rows.dtype)
         comm.Gatherv(ids[own], [slab_ids, n_rows])
         comm.Gatherv([np.ascontiguousarray(rows[own]), mpi().BYTE], [slab_rows, n_rows * width, mpi().BYTE])
+        _tell_of_progress()
         first, n_slab = int(slabs[slab]), int(slabs[slab + 1] - slabs[slab])
         if comm.rank > 0:
             yield first, None
@@ -253,6 +275,7 @@ def gather_pairs(comm: Intracomm, pairs: Array, n_global: int) -> Iterator[Array
         n_rows = np.array([count[slab] for count in counts])
         found = np.empty((total[slab] if comm.rank == 0 else 0, 2), np.int64)
         comm.Gatherv(own[edges[slab] : edges[slab + 1]], [found, 2 * n_rows])
+        _tell_of_progress()
         yield found[np.lexsort((found[:, 1], found[:, 0]))] if comm.rank == 0 else None
 
 
@@ -271,12 +294,16 @@ def agree(comm: Intracomm, messages: list[str]) -> list[str]:
 
     Ends every phase that can fail on one rank alone, so that all ranks raise or none does.
     """
-    return list(dict.fromkeys(message for own in comm.allgather(messages) for message in own))
+    everybody = comm.allgather(messages)
+    _tell_of_progress()
+    return list(dict.fromkeys(message for own in everybody for message in own))
 
 
 def broadcast(comm: Intracomm, value: T) -> T:
     """Return rank 0's ``value`` (any object that can be pickled) on every rank. Collective."""
-    return comm.bcast(value, root=0)
+    word = comm.bcast(value, root=0)
+    _tell_of_progress()
+    return word
 
 
 class NotWritten(Exception):

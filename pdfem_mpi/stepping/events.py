@@ -17,11 +17,12 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from pdfem_mpi.components import NAMED
 from pdfem_mpi.failure import Failure
 from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.kernels.simd import W
-from pdfem_mpi.loading import LoadCase, exact_dots, remove_rigid_motion
-from pdfem_mpi.parallel.comm import largest
+from pdfem_mpi.loading import LoadCase, exact_dots, remove_rigid_motion, without_loads_on_loose_parts
+from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.scene import Events
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, Convergence, NotConverged, Progress
@@ -35,7 +36,7 @@ FIRST_TOLERANCE = 1e-8
 #: A solve aims at this fraction of its tolerance.
 SAFETY = 0.9
 #: Under a held force, pieces that came off move away for ever: displacements this many times those of the last stable
-#: state end the run.
+#: state tell.
 SEPARATED = 10.0
 #: Sweeps of a relaxation that goes to the end, before breaks are looked for again; its residual must at least halve.
 MOST_SWEEPS, STAGNATION = 200, 0.5
@@ -46,7 +47,7 @@ BRACKET, MOST_EQUILIBRIA = 1e-6, 30
 #: What ``state.program`` keeps.
 NUMBERS = (
     "work", "released", "peak", "stable", "batches", "relative", "reaction", "sweeps", "told_sweeps", "size", "apart",
-    "fresh",
+    "fragments", "fresh",
 )  # fmt: skip
 
 
@@ -101,13 +102,16 @@ class _Events:
     Its numbers: external ``work`` and energy ``released`` by relaxation so far; ``peak`` of the reaction over stable
     states; whether the state is ``stable``; ``batches`` of broken bonds; ``relative`` residual and ``reaction`` at the
     last evaluation; ``sweeps`` so far, and ``told_sweeps`` at the last row; ``size`` of the displacements when last
-    stable; whether pieces came ``apart`` under a held force; and whether the last batch broke bonds (``fresh``).
+    stable; whether the body came ``apart`` under a held force; whether parts ran away under their own loads before, so
+    that such ``fragments`` are looked for; and whether the last batch broke bonds or loads were taken off since
+    (``fresh``).
     """
 
     def __init__(
         self, settings: Events, solve: EquilibriumSolver, failure: Failure, state: State, case: LoadCase, watch
     ):
         self.settings, self.solve, self.failure, self.state, self.case = settings, solve, failure, state, case
+        self.whole = case
         self.forces, self.model = solve.forces, solve.forces.model
         self.finite = self.model.bonds.finite
         self.tangent = self.forces
@@ -118,6 +122,8 @@ class _Events:
         self.reporter = Reporter(self.forces, case, failure)
         self.residual, self.step = np.empty_like(state.u), np.empty_like(state.u)
         self.counted = self._evaluations()
+        if state.program.get("fragments"):
+            self._take_loads_off()
 
     def start(self) -> None:
         """Find the first equilibrium: at load factor 1 or, for finite kinematics, at a small load."""
@@ -134,7 +140,7 @@ class _Events:
         state, program, settings = self.state, self.state.program, self.settings
         self._evaluate()
         self._settle()
-        if program["apart"]:
+        if program["apart"] or (program["fragments"] and self._carries_little()):
             return False
         ratio = self.failure.largest_ratio(self.model, self.forces.S)
         if ratio == 0.0:
@@ -148,7 +154,7 @@ class _Events:
         program["size"] = self._size(state.u)
         if state.load_factor >= limit:
             return False
-        if program["reaction"] < settings.end_reaction * program["peak"]:
+        if self._carries_little():
             return False
         program["peak"] = max(program["peak"], program["reaction"])
         return True
@@ -165,16 +171,16 @@ class _Events:
         if not broke and not program["fresh"]:
             self._refuse_stagnation(stalled)
         program["fresh"] = float(broke > 0)
+        if broke and program["fragments"] and self._take_loads_off():
+            self._evaluate()
         loosely = broke and settings.control == "load"
         self._relax(settings.inner_iterations - 1 if loosely else MOST_SWEEPS)
         return broke
 
     def came_apart(self) -> bool:
         """Whether the body does not carry the held load any more."""
-        program = self.state.program
-        if self.settings.control == "energy":
-            return bool(program["apart"])
-        return bool(program["apart"]) or program["reaction"] < self.settings.end_reaction * program["peak"]
+        apart = bool(self.state.program["apart"])
+        return apart or (self.settings.control == "load" and self._carries_little())
 
     def row(self, event: str) -> Report:
         """Describe the state."""
@@ -193,6 +199,10 @@ class _Events:
         """Keep a checkpoint or stop, if asked to: the books are complete here."""
         self._count()
         self.solve.pauses.between(self.state)
+
+    def _carries_little(self) -> bool:
+        program = self.state.program
+        return program["reaction"] < self.settings.end_reaction * program["peak"]
 
     # --- steps -------------------------------------------------------------------------------------------------
 
@@ -233,34 +243,60 @@ class _Events:
             self._count()
             if not case.load:
                 raise NotConverged(f"{error} {self._last_breaks()}") from error
-            program["apart"] = 1.0
+            self._let_go()
             return
         self._count()
         if case.load:
-            if not self._size(self.step) < SEPARATED * program["size"]:
-                program["apart"] = 1.0
+            if not self._size(state.u + self.step) < SEPARATED * program["size"]:
+                self._let_go()
                 return
             (work,) = exact_dots(self.model.comm, [(self._external(), self.step)])
             program["work"] += float(work)
         np.add(state.u, self.step, out=state.u)
         program["released"] += released
-        if case.load and self._size(state.u) > SEPARATED * program["size"]:
+
+    def _let_go(self) -> None:
+        """Something runs away under a held force: loose parts lose their loads; without such, the body is apart."""
+        program = self.state.program
+        program["fragments"] = program["fresh"] = 1.0
+        if not self._take_loads_off():
             program["apart"] = 1.0
+
+    def _take_loads_off(self) -> bool:
+        """Parts that hang together with nothing that could balance their loads carry none; whether loads changed.
+
+        A function of the bonds that are left, so that a run taken up again finds the same.
+        """
+        model, before = self.model, self.case.external
+        self.case, parts = without_loads_on_loose_parts(model, self.whole)
+        self.reporter.case = self.case
+        changed = np.count_nonzero(self.case.external != before)
+        if not sum_integers(model.comm, np.array([changed]))[0]:
+            return False
+        for part in parts[:NAMED]:
+            self.solve.note(f"after {self.failure.count:,} broken bonds loads are off what came loose: {part.text}")
+        if len(parts) > NAMED:
+            self.solve.note(f"and off {len(parts) - NAMED:,} parts more")
+        return True
 
     def _settle(self) -> None:
         """Relax until the state is in equilibrium; the table of the forces is left at it."""
         program = self.state.program
         while program["relative"] > self.settings.arrest_tolerance and not program["apart"]:
-            stalled = program["relative"]
+            stalled, program["fresh"] = program["relative"], 0.0
             self._relax(MOST_SWEEPS)
             self._evaluate()
-            if not program["apart"]:
+            if not program["apart"] and not program["fresh"]:
                 self._refuse_stagnation(stalled)
 
     def _refuse_stagnation(self, before: float) -> None:
         """Give up where relaxation to the end did not halve a residual that is too large."""
         relative, goal = self.state.program["relative"], self.settings.arrest_tolerance
         if relative > goal and relative > STAGNATION * before:
+            if self.case.load and self._take_loads_off():
+                self.state.program["fragments"] = 1.0
+                self._evaluate()
+                return
             raise NotConverged(
                 f"after {self.failure.count:,} broken bonds the relative residual stagnates at {relative:.3g}, above "
                 f"stepping.arrest_tolerance = {goal:.3g}: some part may have come loose under a load. "

@@ -83,11 +83,16 @@ class Reporter:
     forces : Forces
     case : LoadCase
     failure : Failure or None
+    gauge : LoadCase
+        Whose loads the displacement is conjugate to: ``case`` with all its loads.
     """
 
     forces: Forces
     case: LoadCase
     failure: Failure | None
+
+    def __post_init__(self):
+        self.gauge = self.case
 
     def report(
         self,
@@ -115,7 +120,7 @@ class Reporter:
             step=state.step,
             event=event,
             load_factor=state.load_factor,
-            displacement=displacement(forces, case, state),
+            displacement=displacement(forces, self.gauge, state),
             reaction=reaction(case, resultants, state.load_factor),
             resultant=resultants.sum(axis=0),
             convergence=convergence,

@@ -4,11 +4,12 @@ import signal
 import time
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from helpers import run_python
 from pdfem_mpi import pausing, signals, watchdog
-from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.parallel.comm import broadcast, gather_pairs, gather_slabs, largest, mpi, on_root, sum_integers
 from pdfem_mpi.pausing import Pauses, Stopped
 from pdfem_mpi.scene import Checkpoint
 from pdfem_mpi.signals import Requests
@@ -217,11 +218,39 @@ def test_the_limit_follows_the_beats(monkeypatch, tmp_path):
         now[0] += 1.0
         dog.beat()
     assert dog.limit() == 300.0
-    for _ in range(200):
-        now[0] += 60.0
+    now[0] += 60.0  # an evaluation of a large body
+    dog.beat()
+    for _ in range(dog.BEATS - 1):  # and sums that follow each other
         dog.beat()
     assert dog.limit() == 600.0
-    assert len(dog._distances) <= dog.BEATS
+    dog.beat()
+    assert dog.limit() == 300.0
+
+
+def test_what_the_others_say_is_a_beat(monkeypatch, tmp_path):
+    """Within the watchdog every collective is; afterwards none."""
+    comm = mpi().COMM_SELF
+    rows = np.zeros((3, 2))
+    pairs = np.array([[0, 1]])
+    beats = []
+    monkeypatch.setattr(Watchdog, "beat", lambda dog: beats.append(1))
+    words = {
+        "sum": lambda: sum_integers(comm, np.array([1])),
+        "largest": lambda: largest(comm, np.array([1.0])),
+        "broadcast": lambda: broadcast(comm, 1),
+        "on root": lambda: on_root(comm, lambda: None),
+        "slabs": lambda: list(gather_slabs(comm, np.arange(3), rows, 3)),
+        "pairs": lambda: list(gather_pairs(comm, pairs, 2)),
+    }
+    with Watchdog(comm, tmp_path / "hang", 300.0):
+        for name, word in words.items():
+            before = len(beats)
+            word()
+            assert len(beats) > before, name
+    before = len(beats)
+    for word in words.values():
+        word()
+    assert len(beats) == before
 
 
 HANG = """

@@ -213,8 +213,8 @@ def test_a_rank_that_crashes_in_any_phase_ends_all_and_loses_nothing(out, straig
 
 @pytest.mark.slow
 def test_a_rank_that_hangs_ends_all_with_70(out, long):
-    """Rank 1 is stopped like a process that waits for a dead disk; rank 0 finds no beat."""
-    run = Started("run", long, "-n", 2, "--out", out, PDFEM_WATCHDOG_SECONDS="3")
+    """Rank 1 is stopped like a process that waits for a dead disk; rank 0 hears nothing any more."""
+    run = Started("run", long, "-n", 2, "--out", out, PDFEM_WATCHDOG_SECONDS="10")
     stopped = run.ranks()[1]
     stopped.suspend()
     try:
