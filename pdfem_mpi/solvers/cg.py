@@ -146,8 +146,8 @@ def improve(
     sweeps: int,
     preconditioner: Preconditioner,
     step: np.ndarray,
-) -> float:
-    """Lower the residual by some iterations on the tangent, and tell the energy that this releases. Collective.
+) -> tuple[float, float]:
+    """Lower the residual by some iterations on the tangent. Collective.
 
     Parameters
     ----------
@@ -166,8 +166,9 @@ def improve(
 
     Returns
     -------
-    float, dimension force length
-        ``1/2 x . (r_before + r_after)``: by how much the step ``x`` lowers the potential energy under constant loads.
+    before, after : float, dimension force length
+        ``x . r`` with the residuals before and after the step ``x``. A fraction ``f`` of it lowers the potential energy
+        under constant loads by ``f before - f^2 (before - after) / 2``.
     """
     before = residual.copy()
     (square,) = exact_dots(forces.model.comm, [(residual, residual)])
@@ -178,8 +179,8 @@ def improve(
     finally:
         if own is not forces:
             forces.evaluations += own.evaluations
-    (work,) = exact_dots(forces.model.comm, [(step, before + residual)])
-    return 0.5 * float(work)
+    first, last = exact_dots(forces.model.comm, [(step, before), (step, residual)])
+    return float(first), float(last)
 
 
 def _told(watch, state: State, relative: float) -> None:

@@ -35,9 +35,11 @@ from pdfem_mpi.stepping.steps import break_bonds
 FIRST_TOLERANCE = 1e-8
 #: A solve aims at this fraction of its tolerance.
 SAFETY = 0.9
-#: Under a held force, pieces that came off move away for ever: displacements this many times those of the last stable
-#: state tell.
+#: Under a held force, pieces that came off move away for ever: a step this many times the displacements of the last
+#: stable state tells.
 SEPARATED = 10.0
+#: What moves that far so many times in a row, and breaks nothing, does so without end.
+MOST_ADRIFT = 3
 #: Sweeps of a relaxation that goes to the end, before breaks are looked for again; its residual must at least halve.
 MOST_SWEEPS, STAGNATION = 200, 0.5
 #: Finite kinematics: the first equilibrium is sought at a strain of about this size.
@@ -46,8 +48,8 @@ SMALL_STRAIN = 1e-6
 BRACKET, MOST_EQUILIBRIA = 1e-6, 30
 #: What ``state.program`` keeps.
 NUMBERS = (
-    "work", "released", "peak", "stable", "batches", "relative", "reaction", "sweeps", "told_sweeps", "size", "apart",
-    "fragments", "fresh",
+    "work", "released", "peak", "stable", "batches", "relative", "reaction", "sweeps", "told_sweeps", "size", "adrift",
+    "apart", "fragments", "fresh",
 )  # fmt: skip
 
 
@@ -80,14 +82,15 @@ def follow_events(
             if not goes_on:
                 yield events.row("end")
                 return
-            if settings.control == "load" or program["batches"] % settings.report_every == 0:
+            told = settings.control == "load" or program["batches"] % settings.report_every == 0
+            if told and not program["adrift"]:
                 yield events.row("critical")
         broke = events.batch()
         if events.came_apart():
             yield events.row("end")
             return
         if settings.control == "energy":
-            program["stable"] = 1.0
+            program["stable"] = float(not program["adrift"])
         elif not broke and program["relative"] <= settings.arrest_tolerance:
             program["stable"] = 1.0
             yield events.row("arrest")
@@ -102,9 +105,9 @@ class _Events:
     Its numbers: external ``work`` and energy ``released`` by relaxation so far; ``peak`` of the reaction over stable
     states; whether the state is ``stable``; ``batches`` of broken bonds; ``relative`` residual and ``reaction`` at the
     last evaluation; ``sweeps`` so far, and ``told_sweeps`` at the last row; ``size`` of the displacements when last
-    stable; whether the body came ``apart`` under a held force; whether parts ran away under their own loads before, so
-    that such ``fragments`` are looked for; and whether the last batch broke bonds or loads were taken off since
-    (``fresh``).
+    stable; how often in a row something went ``adrift`` without breaking a bond; whether the body came ``apart`` under
+    a held force; whether parts ran away under their own loads before, so that such ``fragments`` are looked for; and
+    whether the last batch broke bonds or loads were taken off since (``fresh``).
     """
 
     def __init__(
@@ -142,6 +145,8 @@ class _Events:
         self._settle()
         if program["apart"] or (program["fragments"] and self._carries_little()):
             return False
+        if program["adrift"]:
+            return True
         ratio = self.failure.largest_ratio(self.model, self.forces.S)
         if ratio == 0.0:
             raise NotConverged("the load stretches no bond that may break. Load the body otherwise.")
@@ -171,6 +176,11 @@ class _Events:
         if not broke and not program["fresh"]:
             self._refuse_stagnation(stalled)
         program["fresh"] = float(broke > 0)
+        if broke:
+            program["adrift"] = 0.0
+        elif program["adrift"] >= MOST_ADRIFT:
+            program["apart"] = 1.0
+            return 0
         if broke and program["fragments"] and self._take_loads_off():
             self._evaluate()
         loosely = broke and settings.control == "load"
@@ -236,31 +246,40 @@ class _Events:
             self.tangent.linearise(state.u, self.forces.bounds.bond)
         goal = SAFETY * self.settings.arrest_tolerance * self.reference
         try:
-            released = cg.improve(
+            first, last = cg.improve(
                 self.tangent, self.residual, case.fixed, goal, max(sweeps, 1), self.solve.preconditioner, self.step
             )
         except (Breakdown, NotFinite) as error:
             self._count()
             if not case.load:
                 raise NotConverged(f"{error} {self._last_breaks()}") from error
-            self._let_go()
+            if not self._let_go():
+                program["apart"] = 1.0
             return
         self._count()
+        fraction = 1.0
         if case.load:
-            if not self._size(state.u + self.step) < SEPARATED * program["size"]:
-                self._let_go()
+            reach, size = SEPARATED * program["size"], self._size(self.step)
+            if size <= reach:
+                program["adrift"] = 0.0
+            elif self._let_go():
                 return
+            elif not size < math.inf:
+                program["apart"] = 1.0
+                return
+            else:  # it still hangs on something, which that distance may break
+                program["adrift"] += 1.0
+                fraction = reach / size
+                np.multiply(self.step, fraction, out=self.step)
             (work,) = exact_dots(self.model.comm, [(self._external(), self.step)])
             program["work"] += float(work)
         np.add(state.u, self.step, out=state.u)
-        program["released"] += released
+        program["released"] += fraction * first - 0.5 * fraction * fraction * (first - last)
 
-    def _let_go(self) -> None:
-        """Something runs away under a held force: loose parts lose their loads; without such, the body is apart."""
-        program = self.state.program
-        program["fragments"] = program["fresh"] = 1.0
-        if not self._take_loads_off():
-            program["apart"] = 1.0
+    def _let_go(self) -> bool:
+        """Something runs away under a held force: loose parts lose their loads; whether there are any."""
+        self.state.program["fragments"] = self.state.program["fresh"] = 1.0
+        return self._take_loads_off()
 
     def _take_loads_off(self) -> bool:
         """Parts that hang together with nothing that could balance their loads carry none; whether loads changed.
@@ -273,6 +292,7 @@ class _Events:
         changed = np.count_nonzero(self.case.external != before)
         if not sum_integers(model.comm, np.array([changed]))[0]:
             return False
+        self.state.program["adrift"] = 0.0
         for part in parts[:NAMED]:
             self.solve.note(f"after {self.failure.count:,} broken bonds loads are off what came loose: {part.text}")
         if len(parts) > NAMED:
@@ -282,7 +302,7 @@ class _Events:
     def _settle(self) -> None:
         """Relax until the state is in equilibrium; the table of the forces is left at it."""
         program = self.state.program
-        while program["relative"] > self.settings.arrest_tolerance and not program["apart"]:
+        while program["relative"] > self.settings.arrest_tolerance and not program["apart"] and not program["adrift"]:
             stalled, program["fresh"] = program["relative"], 0.0
             self._relax(MOST_SWEEPS)
             self._evaluate()

@@ -9,7 +9,7 @@ from helpers import assert_all
 from pdfem_mpi import model as model_module
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.scene import Ramp, Steps
-from verification.failing import DEAD, failing, followed, numbers, strip
+from verification.failing import DEAD, chipped, failing, followed, numbers, strip
 
 pytestmark = pytest.mark.mpi(min_size=2)
 
@@ -20,6 +20,7 @@ SCENES = {
     "events, finite": ({"kinematics": "finite"}, 12),
     "events, energy": ({"control": "energy", "report_every": 1}, 12),
     "events, dead loads": ({"loads": DEAD, "supports": ()}, None),
+    "events, chip": ({"make": chipped, "report_every": 1}, 16),
     "events, noise": ({"noise": 0.05, "seed": 3}, 12),
     "ramp": ({"solver": "adr", "tolerance": 1e-6, "stepping": RAMP}, 14),
     "ramp, finite, elements": (
@@ -35,18 +36,24 @@ def outcome(run):
     return [numbers(row) for row in run.rows], sorted(map(tuple, pairs.tolist()))
 
 
+def scene_of(name):
+    """The scene and how many rows of it."""
+    options, rows = SCENES[name]
+    return options.get("make", strip)(**{key: value for key, value in options.items() if key != "make"}), rows
+
+
 @cache
 def on_one_rank(name):
     """The same by this rank alone."""
-    options, rows = SCENES[name]
-    return outcome(followed(strip(**options), rows, mpi().COMM_SELF))
+    scene, rows = scene_of(name)
+    return outcome(followed(scene, rows, mpi().COMM_SELF))
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_histories_do_not_depend_on_the_number_of_ranks(comm, name):
-    options, rows = SCENES[name]
+    scene, rows = scene_of(name)
     expected = on_one_rank(name)
-    found = outcome(followed(strip(**options), rows, comm))
+    found = outcome(followed(scene, rows, comm))
     assert_all(comm, found[0] == expected[0], "rows differ from those of one rank")
     assert_all(comm, found[1] == expected[1], "other bonds broke than on one rank")
     assert_all(comm, len(expected[1]) == expected[0][-1]["broken"] > 0, "no bond broke")

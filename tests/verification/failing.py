@@ -34,6 +34,20 @@ DEAD = tuple(
 )
 
 
+#: A chip on the upper edge between two cracks, on a neck of .8 cells, and a load that tears it off.
+CHIP = (BodyForce(kind="body_force", lower=(3.0, 5.0, 0.0), upper=(5.0, 6.0, 1.0), total=(0.0, 30.0, 0.0)),)
+GUIDED = tuple(Support(face=face, x=x, y=0.0, z=0.0) for face, x in (("x-", -0.01), ("x+", 0.01)))
+
+
+def chipped(loads=CHIP, **options):
+    """A strip, pulled along x at held ends, with a chip on its upper edge that a load of its own pulls along y."""
+    upright = [((x, 4.97), (x, 7.0)) for x in (2.99, 5.01)]
+    level = [((2.9, 4.97), (3.6, 4.97)), ((4.4, 4.97), (5.1, 4.97))]
+    cracks = tuple(Crack(polygon=((*a, -1.0), (*b, -1.0), (*b, 2.0), (*a, 2.0))) for a, b in (*upright, *level))
+    scene = strip(crack=None, loads=loads, supports=GUIDED, **options)
+    return scene.model_copy(update={"cracks": cracks})
+
+
 def strip(
     *,
     crack=CENTRE,

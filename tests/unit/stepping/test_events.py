@@ -6,7 +6,7 @@ import pytest
 from pdfem_mpi.scene import Events, Steps, Support
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import events
-from verification.failing import DEAD, EDGE, STRETCH, failing, followed, numbers, strip
+from verification.failing import CHIP, DEAD, EDGE, STRETCH, chipped, failing, followed, numbers, strip
 
 CLOSED = 1e-10  # of the work: round-off of thousands of sums; 1e-14 is found
 TANGENT_STEPS = 1e-4  # of the work, finite kinematics: X is that of the tangent, strains are some 1e-3; 1e-5 is found
@@ -159,6 +159,31 @@ def test_dead_loads_tear_the_body_apart():
     assert all(np.isfinite(value) for value in (last.work, last.stored, last.dissipated, last.released))
 
 
+@pytest.mark.parametrize("kinematics", ["linear", "finite"])
+def test_what_comes_loose_loses_its_load(capsys, kinematics):
+    """A chip torn off by its own load is told and carries none from then on; the rest breaks as if it had never been.
+
+    The neck's bonds are then broken in a strip whose chip has no load: both find the same load of the next break.
+    """
+    scene = {"arrest_tolerance": 1e-7, "kinematics": kinematics, "report_every": 1}
+    run = failing(chipped(**scene))
+    bare = failing(chipped(loads=(), **scene))
+    told, at = "", 0.0
+    for row in run.follow():
+        told += capsys.readouterr().out
+        if row.event == "critical" and row.load_factor > 2.0 * at > 0.0:  # the load of the chip was what broke its neck
+            break
+        at = max(at, row.load_factor)
+    bare.failure.restore(bare.body.model, run.failure.broken_pairs(), run.failure.dissipated_digits)
+    bare.solve.soften(bare.failure.take())
+    (alone,) = bare.follow(1)
+    assert row.load_factor == pytest.approx(alone.load_factor, rel=1e-6)
+    assert row.reaction == pytest.approx(alone.reaction, rel=1e-6)
+    assert "loads are off what came loose: " in told
+    if kinematics == "linear":
+        assert abs(row.ledger_error) <= 100.0 * CLOSED  # of the work up to the neck's break, a hundred times smaller
+
+
 def test_load_that_stretches_nothing_is_named():
     """Compression along x with the sides held: no bond that may break is stretched."""
     squeezed = (
@@ -173,7 +198,7 @@ def test_stagnation_is_named(monkeypatch):
     """A relaxation that gets nowhere after a break: the run stops and says where bonds broke last."""
     def nothing(forces, residual, fixed, goal, sweeps, preconditioner, step):
         step[:] = 0.0
-        return 0.0
+        return 0.0, 0.0
 
     monkeypatch.setattr(events.cg, "improve", nothing)
     run = failing(strip())
@@ -246,12 +271,13 @@ def test_bracket_does_not_trust_a_loose_state():
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"loads": DEAD, "supports": ()}, {"control": "energy"}],
-    ids=["pulled", "dead", "energy"],
+    [{}, {"loads": DEAD, "supports": ()}, {"control": "energy"}, {"loads": CHIP}],
+    ids=["pulled", "dead", "energy", "chip"],
 )
 def test_a_program_goes_on_from_its_state(options):
     """A program taken up again from its state gives the rows of one that went through."""
-    scene = strip(**options, report_every=1)
+    make = chipped if options.get("loads") is CHIP else strip
+    scene = make(**options, report_every=1)
     through = followed(scene, 9)
     parts = failing(scene)
     for n in (3, 1, 5):
