@@ -99,8 +99,9 @@ class Bonds:
         Finite (else linear) kinematics: eight (else four) stored numbers a row.
     cutoff : float, dimension length
         Guarded cutoff radius: no bond is longer.
-    added, taken : int64, shape (n_clusters * 4,)
-        How often a point's sum receives a term through its own rows, and through rows at its cluster.
+    rows_of_point : int32, shape (n_clusters * 4,)
+    rows_at_cluster : int32, shape (n_clusters,)
+        Rows against others that a point has, and rows of others against a cluster.
     by_material : int64, shape (n_materials, n_materials)
         Bonds on this rank, from the material of the row's point to that of its cluster.
     strongest : float, dimension force
@@ -113,11 +114,21 @@ class Bonds:
     boundary: Rows
     finite: bool
     cutoff: float
-    added: np.ndarray
-    taken: np.ndarray
+    rows_of_point: np.ndarray
+    rows_at_cluster: np.ndarray
     by_material: np.ndarray
     strongest: float
     stiffest: float
+
+    @property
+    def added(self) -> np.ndarray:
+        """How often a point's sum receives a term through its own rows; int64, shape (n_clusters * 4,)."""
+        return W * self.rows_of_point.astype(np.int64)
+
+    @property
+    def taken(self) -> np.ndarray:
+        """How often a point's sum receives a term through rows at its cluster; int64, shape (n_clusters * 4,)."""
+        return np.repeat(self.rows_at_cluster.astype(np.int64), W)
 
     @property
     def count(self) -> int:
@@ -150,6 +161,8 @@ def integer_bits(x: float) -> int:
 def find_bonds(points: Points, cutoff: float, finite: bool) -> tuple[Rows, Rows]:
     """Search the families of the owned points and allocate their rows, counted first.
 
+    Without ghosts and images nothing is searched among them.
+
     Returns
     -------
     interior, boundary : Rows
@@ -170,6 +183,10 @@ def find_bonds(points: Points, cutoff: float, finite: bool) -> tuple[Rows, Rows]
     n_owned = 2 * points.n_owned
     found = []
     for ghosts in (False, True):
+        if ghosts and n_clusters == n_owned:
+            start, offset = np.zeros(1, np.int64), np.zeros(1, np.uint32)
+            found.append(Rows(start, offset, np.zeros(2 * W if finite else W, np.float32)))
+            break
         start = np.zeros(W * n_owned + 1, np.int64)
         search = (
             0, n_owned, points.x, n_owned, ghosts, points.cell_number, centre, radius, cutoff,
@@ -203,12 +220,11 @@ def make_bonds(
         Largest ``|G / g_inf - 1|`` before the last update, of the virial stress ``|S / E - 1|``; 0 without correction.
     """
     interior, boundary = find_bonds(points, cutoff, finite)
-    added = np.zeros(points.n_clusters * W, np.int64)
+    of_point = np.zeros(points.n_clusters * W, np.int64)
     at_cluster = np.zeros(points.n_clusters, np.int64)
     for rows in (interior, boundary):
-        families.count_rows(rows.start, rows.offset, added, at_cluster)
-    added *= W
-    taken = np.repeat(at_cluster, W)
+        families.count_rows(rows.start, rows.offset, of_point, at_cluster)
+    of_point, at_cluster = of_point.astype(np.int32), at_cluster.astype(np.int32)
 
     constants = RESPONSE_CONSTANT * materials.bond_modulus
 
@@ -222,7 +238,7 @@ def make_bonds(
         if points.images:
             share_own_images(*boundary.arrays, points.cell_number, points.material, finite, counts)
         return Bonds(
-            interior, boundary, finite, cutoff, added, taken, counts, *largest(comm, strongest).tolist()
+            interior, boundary, finite, cutoff, of_point, at_cluster, counts, *largest(comm, strongest).tolist()
         )
 
     bonds = filled(np.empty(0))

@@ -123,7 +123,8 @@ def find_parts(model: Model) -> Parts:
         [label[: 8 * points.n_free] if points else label[:0], label[n_points:][: nodes.n_owned if nodes else 0]]
     )
     labels = distinct(model.comm, own)
-    return Parts(np.searchsorted(labels, own), len(labels))
+    of = np.searchsorted(labels, own) if len(labels) > 1 else np.zeros(len(own), np.int64)
+    return Parts(of, len(labels))
 
 
 def find_loose(model: Model, parts: Parts, fixed: np.ndarray) -> tuple[Loose, ...]:

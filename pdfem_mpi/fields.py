@@ -12,7 +12,7 @@ from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.forces import Forces
 from pdfem_mpi.hex8 import gauss_positions
 from pdfem_mpi.model import Model
-from pdfem_mpi.parallel.comm import gather_rows
+from pdfem_mpi.parallel.comm import gather_rows, gather_slabs
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,27 @@ def fields_sha256(fields: Fields) -> str:
         if array is not None:
             total.update(f"{array.shape}".encode() + array.tobytes())
     return total.hexdigest()
+
+
+def digest_fields(discretization: Discretization, forces: Forces, u: np.ndarray) -> str | None:
+    """`fields_sha256` of what `gather_fields` would collect, a slab at a time; None except on rank 0. Collective."""
+    model, length = forces.model, discretization.units.length
+    total = hashlib.sha256()
+    parts = []
+    if model.points:
+        cells = model.points.cell_number[: model.points.n_owned]
+        n_cells = discretization.n_point_cells
+        parts.append((cells, forces.point_displacements().reshape(-1, 8, 3), n_cells, (8 * n_cells, 3)))
+    if model.nodes:
+        number = model.nodes.number[: model.nodes.n_owned]
+        rows = u[model.n_point_unknowns :].reshape(-1, 3)
+        parts.append((number, rows, discretization.n_nodes, (discretization.n_nodes, 3)))
+    for ids, rows, n, shape in parts:
+        total.update(f"{shape}".encode())
+        for _, slab in gather_slabs(model.comm, ids, rows, n):
+            if slab is not None:
+                total.update((slab * length).tobytes())
+    return total.hexdigest() if model.comm.rank == 0 else None
 
 
 def point_positions(discretization: Discretization) -> np.ndarray:

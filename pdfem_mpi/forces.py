@@ -91,6 +91,8 @@ class Forces:
         Evaluate the tangent of finite bond forces, at the displacements given to `linearise`.
     evaluations : int
         Sweeps over the bonds and elements so far.
+    swept : set of str
+        Names of the bond kernels called so far.
     met : float64, shape (2,)
         What the last evaluation met on this rank, in the order of ``bounds``.
     seconds : dict of float
@@ -101,6 +103,7 @@ class Forces:
     bounds: Bounds = field(default_factory=Bounds)
     tangent: bool = False
     evaluations: int = 0
+    swept: set[str] = field(default_factory=set)
     met: np.ndarray = field(default_factory=lambda: np.zeros(2))
     seconds: dict[str, float] = field(
         default_factory=lambda: {"bonds": 0.0, "elements": 0.0, "exchange": 0.0, "other": 0.0}
@@ -357,6 +360,7 @@ class Forces:
             series = bonds.finite and self.bounds.bond <= peridynamics.SERIES_LIMIT
             sweep = peridynamics.SWEEPS[bonds.finite, series, failure is not None]
             shared += (failure.class_of, *limits, *failure.records) if failure else NOTHING_FAILS
+        self.swept.add(peridynamics.NAMES[sweep])
         n_points = len(rows.start) - 1
         for start in range(0, n_points, CHUNK):
             first, last = start, min(start + CHUNK, n_points)

@@ -19,7 +19,7 @@ from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_volumes
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mesh import named_sets
-from pdfem_mpi.model import Model, cluster_layout, point_rows
+from pdfem_mpi.model import Model, cluster_layout
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.scene import BodyForce, Scene, SceneError, Traction
 
@@ -43,8 +43,8 @@ class LoadCase:
         Unknowns with a prescribed displacement, those normal to mirror planes included.
     prescribed : float64, shape (n_unknowns,), dimension length
         Their displacements; 0 elsewhere.
-    volume : float64, shape (n_unknowns,), dimension length^3
-        Share of the body's volume that each unknown stands for.
+    volume : float64, shape (n_unknowns,), dimension length^3, or None
+        Share of the body's volume that each unknown stands for, where some motion is free.
     free_motions : float64, shape (n_modes, 6)
         Rigid motions that no support and no mirror plane holds, as combinations of `rigid_modes`.
     rigid_gram : float64, shape (6, 6)
@@ -66,7 +66,7 @@ class LoadCase:
     external: np.ndarray
     fixed: np.ndarray
     prescribed: np.ndarray
-    volume: np.ndarray
+    volume: np.ndarray | None
     free_motions: np.ndarray
     rigid_gram: np.ndarray
     parts: Parts
@@ -107,20 +107,25 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
 
     _lump_on_nodes(discretization, on_cells, on_nodes)
     on_free_points = _point_forces(discretization, model, on_cells)
-    if model.points:
+    if model.points and fitted:
         on_free_points += cluster_layout(on_points[model.subdomain.free])
     external = _join(model, on_free_points, on_nodes)
     amounts, holders = (
         _join(model, _pick_points(discretization, model, on_cells), on_nodes) for on_cells, on_nodes in prescription
     )
-    prescribed, fixed = amounts, ~np.isnan(amounts)
-    prescribed = np.where(fixed, prescribed, 0.0)
-    ones, volume = np.ones_like(on_cells), np.zeros_like(on_nodes)
-    _lump_on_nodes(discretization, ones, volume)
-    volume = _join(model, _point_forces(discretization, model, ones), volume)
-    external = np.where(fixed, 0.0, external)
+    del on_free_points, prescription
+    fixed = ~np.isnan(amounts)
+    prescribed = np.zeros(model.n_unknowns)
+    prescribed[fixed] = amounts[fixed]
+    held = tuple(
+        tuple(np.flatnonzero((holders == k) & (component(model) == d)) for d in range(3))
+        for k in range(len(scene.supports))
+    )
+    del amounts, holders
+    external[fixed] = 0.0
     free, parts = free_motions(model, fixed), find_parts(model)
     loose = find_loose(model, parts, fixed) if parts.count > 1 else ()
+    volume = _volume(discretization, model) if len(free) or loose else None
     case = LoadCase(
         external=external,
         fixed=fixed,
@@ -130,10 +135,7 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
         rigid_gram=_gram(model, volume, rigid_modes(model)) if len(free) else np.empty((0, 0)),
         parts=parts,
         loose=loose,
-        held=tuple(
-            tuple(np.flatnonzero((holders == k) & (component(model) == d)) for d in range(3))
-            for k in range(len(scene.supports))
-        ),
+        held=held,
         moves=tuple(any((s.x, s.y, s.z)) for s in scene.supports),
         reach=max((abs(a) for s in scene.supports for a in (s.x, s.y, s.z) if a), default=0.0)
         / discretization.units.length,
@@ -152,6 +154,14 @@ def without_loads_on_loose_parts(model: Model, case: LoadCase) -> tuple[LoadCase
     return replace(case, external=external, load=_one_way(model, external)), parts
 
 
+def _volume(discretization: Discretization, model: Model) -> np.ndarray:
+    """Share of the body's volume that each unknown stands for; float64, shape (n_unknowns,)."""
+    ones = np.ones((len(discretization.mesh.cells), 3))
+    on_nodes = np.zeros((len(discretization.nodes), 3))
+    _lump_on_nodes(discretization, ones, on_nodes)
+    return _join(model, _point_forces(discretization, model, ones), on_nodes)
+
+
 def component(model: Model) -> np.ndarray:
     """0, 1 or 2 for unknowns along x, y or z; int64, shape (n_unknowns,)."""
     n = model.n_point_unknowns
@@ -159,43 +169,47 @@ def component(model: Model) -> np.ndarray:
 
 
 def _one_way(model: Model, external: np.ndarray) -> float:
-    along = component(model)
-    ways = [(np.where(along == d, np.maximum(sign * external, 0.0), 0.0)) for sign in (1.0, -1.0) for d in range(3)]
-    sums = exact_dots(model.comm, [(way, np.ones_like(way)) for way in ways]).reshape(2, 3)
+    n = model.n_point_unknowns
+    of_points, of_nodes = external[:n].reshape(-1, 3, W), external[n:].reshape(-1, 3)
+    along = (np.concatenate([of_points[:, d].reshape(-1), of_nodes[:, d]]) for d in range(3))
+    ways = (np.maximum(sign * forces, 0.0) for forces in along for sign in (1.0, -1.0))
+    sums = exact_dots(model.comm, ((way, np.ones_like(way)) for way in ways)).reshape(3, 2).T
     return max(math.sqrt(x * x + y * y + z * z) for x, y, z in sums.tolist())
 
 
 def rigid_modes(model: Model, u: np.ndarray | None = None) -> Iterator[np.ndarray]:
     """Yield three translations and three rotations about the origin of the body displaced by ``u``; (n_unknowns,)."""
     n = model.n_point_unknowns
-    x = np.concatenate(
-        [
-            point_rows(model.points.x[:n]) if model.points else np.empty((0, 3)),
-            model.nodes.x[: model.nodes.n_owned] if model.nodes else np.empty((0, 3)),
-        ]
-    )
+    places = []
+    if model.points:
+        places.append((slice(0, n), (-1, 3, W), model.points.x[:n]))
+    if model.nodes:
+        places.append((slice(n, None), (-1, 3), model.nodes.x[: model.nodes.n_owned].reshape(-1)))
     if u is not None:
-        x = x + np.concatenate([point_rows(u[:n]), u[n:].reshape(-1, 3)])
-    points = n // 3
+        places = [(where, shape, x + u[where]) for where, shape, x in places]
     for k in range(6):
-        mode = _rigid_motion(x, k)
-        yield np.concatenate([cluster_layout(mode[:points]), mode[points:].reshape(-1)])
+        mode = np.zeros(model.n_unknowns)
+        for where, shape, x in places:
+            _write_rigid_motion(x.reshape(shape), k, mode[where].reshape(shape))
+        yield mode
 
 
-def _rigid_motion(x: np.ndarray, k: int) -> np.ndarray:
-    mode = np.zeros((len(x), 3))
+def _write_rigid_motion(x: np.ndarray, k: int, mode: np.ndarray) -> None:
+    """Translation or rotation k of positions, whose second axis are the components; ``mode`` is 0 before."""
     if k < 3:
         mode[:, k] = 1.0
     else:
         after, last = (k - 2) % 3, (k - 1) % 3
         mode[:, after] = -x[:, last]
         mode[:, last] = x[:, after]
-    return mode
 
 
 def rigid_motions(x: np.ndarray) -> np.ndarray:
     """Three translations and three rotations about the origin of positions (n, 3), shape (6, 3 n)."""
-    return np.stack([_rigid_motion(x, k).reshape(-1) for k in range(6)])
+    motions = np.zeros((6, len(x), 3))
+    for k in range(6):
+        _write_rigid_motion(x, k, motions[k])
+    return motions.reshape(6, -1)
 
 
 def exact_dots(comm, pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
@@ -478,8 +492,8 @@ def _lump_on_nodes(discretization: Discretization, on_cells: np.ndarray, on_node
 
 def _point_forces(discretization: Discretization, model: Model, on_cells: np.ndarray) -> np.ndarray:
     """Body force times volume of the free points, flat in cluster layout."""
-    if not model.points:
-        return np.empty(0)
+    if not model.points or not on_cells.any():
+        return np.zeros(model.n_point_unknowns)
     density = _pick_points(discretization, model, on_cells)
     volume = np.repeat(model.points.volume[: 8 * model.points.n_free].reshape(-1, 1, 4), 3, axis=1).reshape(
         -1
@@ -495,5 +509,10 @@ def _pick_points(discretization: Discretization, model: Model, on_cells: np.ndar
 
 
 def _join(model: Model, on_points: np.ndarray, on_nodes: np.ndarray) -> np.ndarray:
-    """The flat vector over the unknowns."""
-    return np.concatenate([on_points, on_nodes[model.subdomain.owned_nodes].reshape(-1)])
+    """The flat vector over the unknowns; where there is nothing but zeros, no page of it is written."""
+    joined = np.zeros(model.n_unknowns)
+    if on_points.any():
+        joined[: len(on_points)] = on_points
+    if model.nodes:
+        joined[len(on_points) :] = on_nodes[model.subdomain.owned_nodes].reshape(-1)
+    return joined

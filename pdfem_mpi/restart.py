@@ -258,6 +258,8 @@ def restore(start: Start, discretization: Discretization, model: Model, state: S
     state.iteration, state.spent = saved["iteration"], saved["spent"]
     state.program = dict(saved["program"])
     state.began = perf_counter() - saved["seconds"]
+    for name in saved["fields"]:
+        state.add(name)
     with _reader(start.path, model.comm) as reader:
         read_fields(model, make_layout(discretization, model), state, reader)
         return read_broken(model, reader)
@@ -367,6 +369,8 @@ class Keeper:
     seconds, size : float, int
         Of the last checkpoint.
     seconds_in_all : float
+    good : (State, Moment) or None
+        What `remember` holds.
     restarts : list of dict
         One entry for each start from a checkpoint, the last one's included.
     """
@@ -392,7 +396,7 @@ class Keeper:
         self._flush, self._tell = flush, tell
         self._before, self._started = start.header.get("seconds", 0.0), started
         self._failures, self._number = 0, 0
-        self._good: tuple[State, Moment] | None = None
+        self.good: tuple[State, Moment] | None = None
         if self.comm.rank == 0:
             keys = identity(scene, discretization)
             self._fixed = {
@@ -411,14 +415,14 @@ class Keeper:
         return self._before + perf_counter() - self._started
 
     def remember(self, state: State) -> None:
-        """Hold a copy of a good state, for the case that the next step fails."""
-        self._good = copy.deepcopy(state), self._moment()
+        """Hold a copy of a good state, for the case that the next step fails; the beginning needs none."""
+        self.good = None  # not two copies at a time
+        if state.step:
+            self.good = copy.deepcopy(state), self._moment()
 
     def save_good(self) -> bool:
         """Write the last good state, if it was not the beginning. Collective."""
-        if self._good is None or self._good[0].step == 0:
-            return False
-        return self.save(*self._good)
+        return self.save(*self.good) if self.good else False
 
     def save(self, state: State, moment: Moment | None = None) -> bool:
         """Write a checkpoint by the protocol of results/checkpoint.py. Collective.
@@ -441,7 +445,7 @@ class Keeper:
         writer, problem = None, None
         if comm.rank == 0:
             try:
-                writer = self._open(header)
+                writer = self._open(header, state)
             except OSError as error:
                 problem = error
         write_tables(self.model, self.layout, state.fields, moment.broken, writer)
@@ -488,6 +492,7 @@ class Keeper:
             "load_factor": float(state.load_factor),
             "iteration": state.iteration,
             "spent": state.spent,
+            "fields": list(state.fields),
             "seconds": perf_counter() - state.began,
             "bounds": asdict(state.bounds),
             "program": {name: _plain(value) for name, value in state.program.items()},
@@ -506,7 +511,7 @@ class Keeper:
             "restarts": self.restarts,
         }
 
-    def _open(self, header: dict[str, Any]):
+    def _open(self, header: dict[str, Any], state: State):
         """Bring results to the disk, note how far they are, and open the file. On rank 0."""
         from pdfem_mpi.results.checkpoint import Writer, checkpoint_path, list_checkpoints
 
@@ -516,7 +521,8 @@ class Keeper:
         if not self._number:
             self._number = max((number for number, _ in list_checkpoints(self.folder)), default=0)
         path = checkpoint_path(self.folder, self._number + 1)
-        return Writer(path, self.layout.tables(header["broken_bonds"], header["wide"]), job_name())
+        tables = self.layout.tables(header["broken_bonds"], header["wide"], state.fields)
+        return Writer(path, tables, job_name())
 
     def _rotate(self) -> None:
         from pdfem_mpi.results.checkpoint import rotate

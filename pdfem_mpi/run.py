@@ -6,7 +6,6 @@ import hashlib
 import math
 import os
 import platform
-import resource
 import shutil
 import sys
 from contextlib import suppress
@@ -23,13 +22,15 @@ from pdfem_mpi.bonds import count_by_material, total_bonds
 from pdfem_mpi.components import describe_loose
 from pdfem_mpi.discretization import Discretization, ModelUnits, discretize, make_mesh
 from pdfem_mpi.failure import Failure, make_failure
-from pdfem_mpi.fields import Fields, fields_sha256, gather_damage, gather_fields, point_positions
+from pdfem_mpi.fields import Fields, digest_fields, fields_sha256, gather_damage, gather_fields, point_positions
 from pdfem_mpi.fingerprint import identity
 from pdfem_mpi.forces import Forces, NotFinite
+from pdfem_mpi.heap import large_arrays_apart
 from pdfem_mpi.kernels.warm_up import compile_kernels
 from pdfem_mpi.loading import make_load_case
-from pdfem_mpi.memory import Need, check_mesh, check_model, show_bytes
+from pdfem_mpi.memory import Need, check_mesh, check_model, resident, show_bytes
 from pdfem_mpi.model import Model, build_model
+from pdfem_mpi.needs import Watched, count_parts, describe_memory, left_out, table_of
 from pdfem_mpi.parallel.comm import NotWritten, agree, broadcast, largest, node_communicator, on_root, sum_integers
 from pdfem_mpi.pausing import Pauses, Stopped
 from pdfem_mpi.probes import Bar, Line, bar_results, displacement_at, measure_bar, measure_line
@@ -291,8 +292,9 @@ class _Run:
             if on_root(comm, lambda: not any(cache.rglob("*.nbi"))):
                 self.reporter.line("compiling the kernels, once on this machine (10 to 30 s)")
             warm_up(comm)
-        with _phase(self.seconds, "setup"):
-            discretization, _ = prepare(scene, comm)
+        before = resident()
+        with _phase(self.seconds, "setup"), large_arrays_apart():
+            discretization, need = prepare(scene, comm)
             if start.path:
                 start.notes += compare(start, identity(scene, discretization), self.ways.force)
             if start.finished and not start.changed:
@@ -314,7 +316,7 @@ class _Run:
         if start.path:
             keeper.restarts.append(self._restart(start, state))
         pauses = Pauses(comm, self.ways.requests, keeper, scene.checkpoint, self.ways.end)
-        with _phase(self.seconds, "setup"):
+        with _phase(self.seconds, "setup"), large_arrays_apart():
             solve = make_solver(scene, discretization, forces, case, tell, pauses)
             if start.path:
                 restore_late(start, broken, state, failure, solve)
@@ -335,11 +337,15 @@ class _Run:
         for text in _interfaces_without_bonds(scene, discretization, by_material):
             tell(text)
         writer = on_root(comm, lambda: self._open_results(discretization, failure, start))
-        code, reason, fields, rows = EXIT_FINISHED, None, None, 0
+        code, reason, fields, damage, digest, rows = EXIT_FINISHED, None, None, None, None, 0
         over = state.program.pop("over", 0) and not start.changed
         n_steps = len(scene.stepping.load_factors) if isinstance(scene.stepping, Steps) else None
+        wanted = bool(scene.output.fields or scene.probes)
+        held = discretization, model, case, state, forces, failure, solve, keeper
+        watched = Watched(forces, *held)
 
         def watch(step, progress):
+            watched.hear(progress)
             self.reporter.progress(step, n_steps, progress, scene.solver.tolerance)
 
         if not start.path:
@@ -350,16 +356,20 @@ class _Run:
             for rows, row in enumerate(program, start=1):  # noqa: B007 - asked for after the loop
                 self.energy_error = row.convergence.energy_error
                 output_start = perf_counter()
-                fields = gather_fields(discretization, forces, state.u)
+                fields = gather_fields(discretization, forces, state.u) if wanted else None
                 columns = _history_row(row, discretization.units, failure is not None)
                 damage = gather_damage(discretization, model)
                 on_root(comm, lambda c=columns, f=fields, d=damage: writer(c, f, d))
                 self.reporter.row(columns)
                 output += perf_counter() - output_start
+            last = forces
             if not rows:  # nothing was left to do: the fields are those of the last step
-                again = Forces(model, state.bounds)
-                again.evaluate_surely(state.u, np.zeros_like(state.u), np.empty_like(state.u))
-                fields = gather_fields(discretization, again, state.u)
+                last = Forces(model, state.bounds)
+                last.evaluate_surely(state.u, np.zeros_like(state.u), np.empty_like(state.u))
+            if not wanted:
+                digest = digest_fields(discretization, last, state.u)
+            elif not rows:
+                fields = gather_fields(discretization, last, state.u)
             state.program["over"] = 1
             pauses.save(state)
         except (NotConverged, NotFinite) as error:
@@ -370,7 +380,8 @@ class _Run:
         self.seconds["solve"] = perf_counter() - solve_start - output
         self.seconds["output"] = output
         phases = {name: round(value, 6) for name, value in forces.seconds.items()}
-        memory = comm.gather(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+        reasons = left_out(scene, discretization, failure, comm.size)
+        memory = describe_memory(comm, count_parts(*held, (fields, damage, writer)), watched, reasons, need, before)
         loads = comm.gather(model.bonds.count if model.bonds else 0)
         evaluations = forces.evaluations
         if fields is not None:
@@ -383,12 +394,13 @@ class _Run:
         summary = None
         if comm.rank == 0:
             summary = self._summary(
-                code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields, by_material,
-                state, keeper,
+                code, reason, counts, model, evaluations, phases, memory, loads, discretization, by_material, state,
+                keeper, fields_sha256(fields) if fields else digest,
             )
         on_root(comm, lambda: write_summary(self.out / "summary.json", summary))
         if comm.rank == 0:
             self.reporter.table(scene.title or self.out.name, _end_table(summary, scene))
+            self.reporter.table("memory: what was allocated, and what was left out", table_of(summary))
             self.reporter.line(f"pdfem: {_ending(code, reason, self.out)}")
         return code
 
@@ -543,8 +555,8 @@ class _Run:
         )
 
     def _summary(
-        self, code, reason, counts, model, evaluations, phases, memory, loads, discretization, fields, by_material,
-        state, keeper,
+        self, code, reason, counts, model, evaluations, phases, memory, loads, discretization, by_material, state,
+        keeper, digest,
     ):
         last = self.history.last() or {}
 
@@ -558,7 +570,7 @@ class _Run:
             "exit_code": code,
             "title": self.scene.title,
             "deck_sha256": _sha256(self.deck_text),
-            "fields_sha256": fields_sha256(fields) if fields else None,
+            "fields_sha256": digest,
             "ranks": self.comm.size,
             "mesh": {
                 "kind": self.scene.mesh.kind,
@@ -595,7 +607,7 @@ class _Run:
             "bonds_by_materials": _named_pairs(discretization.materials.names, by_material),
             "probes": self.probes,
             "seconds": self.seconds | {"evaluation_phases_rank_0": phases},
-            "memory": {"peak_bytes_per_rank": memory},
+            "memory": memory,
             "versions": {
                 "pdfem_mpi": __version__,
                 "python": platform.python_version(),

@@ -13,28 +13,33 @@ from pdfem_mpi.model import Model
 
 
 class Field(NamedTuple):
-    """A field over the unknowns: its name, dimension, and what it is."""
+    """A field over the unknowns: its name, dimension, what it is, and whether it is there from the beginning.
+
+    Others appear, as zeros, when a solver first asks for them.
+    """
 
     name: str
     dimension: str
     meaning: str
+    always: bool
 
 
 #: Every field that a run must keep to go on as if nothing had happened.
 FIELDS = (
-    Field("u", "length", "displacement"),
-    Field("v", "length", "velocity at the half step (time step 1)"),
-    Field("previous_force", "force", "residual force of the evaluation before"),
+    Field("u", "length", "displacement", True),
+    Field("v", "length", "velocity at the half step (time step 1), of relaxation", False),
+    Field("previous_force", "force", "residual force of the evaluation before, of relaxation", False),
 )
 
 
 @dataclass
 class State:
-    """Unknowns of one rank, in model units: an array of shape (n_unknowns,) for each row of `FIELDS`.
+    """Unknowns of one rank, in model units: an array of shape (n_unknowns,) for each row of `FIELDS` in use.
 
     Attributes
     ----------
     fields : dict of float64 arrays
+        In the order of `FIELDS`; the same on all ranks.
     bounds : Bounds
         What the quanta of the sums rest on.
     step : int
@@ -64,7 +69,24 @@ class State:
         """Displacement of the unknowns."""
         return self.fields["u"]
 
+    @property
+    def v(self) -> np.ndarray:
+        """Velocity of the unknowns."""
+        return self.add("v")
+
+    @property
+    def previous_force(self) -> np.ndarray:
+        """Residual force on the unknowns at the evaluation before."""
+        return self.add("previous_force")
+
+    def add(self, name: str) -> np.ndarray:
+        """The field of this name: zeros if nobody asked for it before."""
+        if name not in self.fields:
+            self.fields[name] = np.zeros_like(self.u)
+            self.fields = {entry.name: self.fields[entry.name] for entry in FIELDS if entry.name in self.fields}
+        return self.fields[name]
+
 
 def new_state(model: Model) -> State:
     """A body at rest."""
-    return State({entry.name: np.zeros(model.n_unknowns) for entry in FIELDS})
+    return State({entry.name: np.zeros(model.n_unknowns) for entry in FIELDS if entry.always})

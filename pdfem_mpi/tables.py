@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from pdfem_mpi import faults
 from pdfem_mpi.discretization import Discretization
 from pdfem_mpi.model import Model, cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import broadcast, gather_pairs, gather_slabs, scatter_slabs, sum_integers
-from pdfem_mpi.state import FIELDS, State
+from pdfem_mpi.state import State
 
 if TYPE_CHECKING:
     from pdfem_mpi.results.checkpoint import Reader, Writer
@@ -41,11 +42,12 @@ class Layout:
     cells: np.ndarray
     nodes: np.ndarray
 
-    def tables(self, n_broken: int, wide: bool) -> dict[str, tuple[int, int, np.dtype]]:
+    def tables(self, n_broken: int, wide: bool, fields: Iterable[str]) -> dict[str, tuple[int, int, np.dtype]]:
         """Names, rows, columns and types of all tables of a file; ``wide``: ids of broken bonds need 64 bits."""
         double = np.dtype("<f8")
-        tables = {f"points/{field.name}": (8 * self.n_cells, 3, double) for field in FIELDS}
-        tables |= {f"nodes/{field.name}": (self.n_nodes, 3, double) for field in FIELDS}
+        names = tuple(fields)
+        tables = {f"points/{name}": (8 * self.n_cells, 3, double) for name in names}
+        tables |= {f"nodes/{name}": (self.n_nodes, 3, double) for name in names}
         return tables | {BROKEN: (n_broken, 2, np.dtype("<u8" if wide else "<u4"))}
 
 
@@ -74,24 +76,23 @@ def write_tables(
     Parameters
     ----------
     fields : dict of float64 arrays, shape (n_unknowns,)
-        By the names of `FIELDS`.
+        Those of the state.
     broken : int64, shape (n, 2)
         Global ids ``i < j`` of the broken bonds that this rank computes, each bond on one rank.
     writer : Writer or None
         Rank 0's, which keeps its errors to itself.
     """
     n = model.n_point_unknowns
-    for field in FIELDS:
-        values = fields[field.name]
+    for k, (name, values) in enumerate(fields.items()):
         points = point_rows(values[:n]).reshape(-1, 8, 3)
         for first, slab in gather_slabs(model.comm, layout.cells, points, layout.n_cells):
             if writer:
-                writer.write_rows(f"points/{field.name}", 8 * first, slab.reshape(-1, 3))
-        if field is FIELDS[1]:
+                writer.write_rows(f"points/{name}", 8 * first, slab.reshape(-1, 3))
+        if k == len(fields) // 2:
             faults.begin("write")
         for first, slab in gather_slabs(model.comm, layout.nodes, values[n:].reshape(-1, 3), layout.n_nodes):
             if writer:
-                writer.write_rows(f"nodes/{field.name}", first, slab)
+                writer.write_rows(f"nodes/{name}", first, slab)
     done = 0
     for pairs in gather_pairs(model.comm, broken, layout.n_points):
         if writer:
@@ -107,7 +108,7 @@ def total_broken(model: Model, broken: np.ndarray) -> tuple[int, bool]:
 
 
 def read_fields(model: Model, layout: Layout, state: State, reader: Reader | None) -> None:
-    """Fill the fields of the state, wherever their rows were when they were written. Collective.
+    """Fill the fields that the state has, wherever their rows were when they were written. Collective.
 
     Raises
     ------
@@ -115,15 +116,14 @@ def read_fields(model: Model, layout: Layout, state: State, reader: Reader | Non
         On all ranks.
     """
     n = model.n_point_unknowns
-    for field in FIELDS:
+    for name, values in state.fields.items():
 
-        def points(first, last, name=f"points/{field.name}"):
+        def points(first, last, name=f"points/{name}"):
             return reader.read_rows(name, 8 * first, 8 * last).reshape(-1, 8, 3)
 
-        def nodes(first, last, name=f"nodes/{field.name}"):
+        def nodes(first, last, name=f"nodes/{name}"):
             return reader.read_rows(name, first, last)
 
-        values = state.fields[field.name]
         rows = scatter_slabs(model.comm, layout.cells, layout.n_cells, points, np.empty((0, 8, 3)))
         values[:n] = cluster_layout(rows)
         values[n:] = scatter_slabs(model.comm, layout.nodes, layout.n_nodes, nodes, np.empty((0, 3))).reshape(-1)

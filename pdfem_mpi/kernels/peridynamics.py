@@ -479,6 +479,17 @@ def _tangent_sweep(closed):
 
 add_tangent_series = _tangent_sweep(closed=False)
 add_tangent_closed = _tangent_sweep(closed=True)
+#: What to call the sweeps: their functions share two names.
+NAMES = {
+    add_forces_series: "finite, series",
+    add_forces_closed: "finite, closed form",
+    add_forces_series_failing: "finite, series, breaking",
+    add_forces_closed_failing: "finite, closed form, breaking",
+    add_forces_linear: "linear",
+    add_forces_linear_failing: "linear, breaking",
+    add_tangent_series: "tangent, series",
+    add_tangent_closed: "tangent, closed form",
+}
 
 
 @njit(**_options)

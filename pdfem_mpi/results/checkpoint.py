@@ -6,7 +6,7 @@ elsewhere is known before a number is read. HDF5's own tools open it as any othe
 
     seal            "pdfem_mpi checkpoint", format, sha256
     header          JSON as bytes: what ran, where it was, what the results were then
-    points/u ...    float64 (n, 3): the fields of `state.FIELDS` on free points, in the order of cells, 8 each
+    points/u ...    float64 (n, 3): the fields of the state on free points, in the order of cells, 8 each
     nodes/u ...     float64 (n, 3): the same on nodes
     broken          uint32 or uint64 (n, 2): bonds broken so far, point ids i < j, sorted
 

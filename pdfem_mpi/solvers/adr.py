@@ -95,7 +95,7 @@ class Relaxation:
             On all ranks alike.
         """
         forces = self.forces
-        u, v, previous_force = (state.fields[name] for name in ("u", "v", "previous_force"))
+        u, v, previous_force = state.u, state.v, state.previous_force
         while True:
             forces.evaluate(u, external, self.force, failure)
             digits = np.zeros((N_SUMS, SIZE), np.int64)
@@ -115,7 +115,7 @@ class Relaxation:
 
     def advance(self, state: State, damping: float) -> None:
         """Take one step; the state is whole after it."""
-        u, v, previous_force = (state.fields[name] for name in ("u", "v", "previous_force"))
+        u, v, previous_force = state.u, state.v, state.previous_force
         advance(u, v, self.force, previous_force, self.inverse_mass, damping, state.iteration == 0)
         state.iteration += 1
 
@@ -172,20 +172,20 @@ def solve(
     while True:
         sums = relaxation.evaluate(state, external, load)
         used = state.spent = forces.evaluations - before
-        watch(Progress(state.iteration, sums.relative, sums.damping))
+        watch(Progress(state.iteration, sums.relative, sums.damping, (relaxation,)))
         if sums.relative <= tolerance:
             return Convergence(used, sums.relative)
         if sums.relative > DIVERGED:
             raise NotConverged(
                 f"relaxation diverged: the relative residual is {sums.relative:.3g} after {used} evaluations. Eq. (11) "
                 'does not bound every body (rods one cell thick, for one): solver.kind = "cg" does not need it. '
-                f"Still moving: {describe_motion(forces.model, state.fields['v'])}."
+                f"Still moving: {describe_motion(forces.model, state.v)}."
             )
         if used >= max_evaluations:
             raise NotConverged(
                 f"solver.max_evaluations = {max_evaluations} were used up at a relative residual of "
                 f"{sums.relative:.3g}, above solver.tolerance = {tolerance:.3g}. Allow more evaluations or a larger "
-                f"tolerance. Still moving: {describe_motion(forces.model, state.fields['v'])}."
+                f"tolerance. Still moving: {describe_motion(forces.model, state.v)}."
             )
         relaxation.advance(state, sums.damping)
         relaxation.pause(state)

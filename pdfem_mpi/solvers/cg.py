@@ -102,7 +102,7 @@ def solve(
         reference = math.sqrt(max(load, held, FORCELESS**2 * largest_met)) or 1.0
         before, norm = norm, math.sqrt(square)
         relative = norm / reference
-        watch(Progress(state.iteration, relative, 0.0))
+        watch(Progress(state.iteration, relative, 0.0, (sequence, residual, internal, reaction)))
         if relative <= tolerance and not at_rest:
             return Convergence(forces.evaluations - start, relative, sequence.relative_energy_error(energy))
         if at_rest and square == 0.0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -27,11 +28,15 @@ class Convergence:
 
 @dataclass(frozen=True)
 class Progress:
-    """State of a solve, for whoever watches it."""
+    """State of a solve, for whoever watches it.
+
+    ``work`` is what the solver holds while it works: for whoever counts its arrays, nobody else's to touch.
+    """
 
     iteration: int
     residual: float
     damping: float
+    work: tuple[Any, ...] = ()
 
 
 class NotConverged(Exception):

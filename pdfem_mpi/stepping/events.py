@@ -170,7 +170,7 @@ class _Events:
         stalled = program["relative"]
         broke = self._evaluate(breaking=True)
         program["batches"] += broke > 0
-        self.watch(Progress(int(program["batches"]), program["relative"], 0.0))
+        self.watch(Progress(int(program["batches"]), program["relative"], 0.0, (self,)))
         if not broke and program["relative"] <= settings.arrest_tolerance:
             return 0
         if not broke and not program["fresh"]:

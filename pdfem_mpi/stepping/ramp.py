@@ -58,7 +58,7 @@ def follow_ramp(
         (pull,) = exact_dots(forces.model.comm, [(-relaxation.force[case.fixed], ahead)])
         program["work"] += 0.5 * settings.increment * (program["pull"] + float(pull))
         program["pull"] = float(pull)
-        watch(1, Progress(state.iteration, sums.relative, sums.damping))
+        watch(1, Progress(state.iteration, sums.relative, sums.damping, (relaxation, external, before)))
         if case.load:
             before[:] = state.u
         relaxation.advance(state, sums.damping)

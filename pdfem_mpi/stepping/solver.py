@@ -58,7 +58,7 @@ class EquilibriumSolver:
                 self.note(f"conjugate gradients broke down: {error} Going on with adaptive dynamic relaxation.")
         if not program.get("relaxing"):
             state.iteration = state.spent = 0
-            state.fields["v"][:] = 0.0
+            state.v[:] = 0.0
             program["relaxing"] = 1
         convergence = adr.solve(*common, watch, self.pauses)
         program["relaxing"] = 0

@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "pdfem_mpi"
 # From the ground up. A module belongs to the longest name that begins its own; a package's modules may import
 # each other, everything else imports from lower rows only.
 LEVELS = (
-    ("hex8", "launch", "signals", "faults", "background_grid", "factor_cache"),
+    ("hex8", "launch", "signals", "faults", "background_grid", "factor_cache", "heap", "held"),
     ("kernels", "scene", "parallel.comm", "parallel.bisection"),
     ("deck", "materials", "mesh", "mirrors", "parallel.halo", "pausing", "watchdog"),
     ("discretization", "images"),
@@ -28,6 +28,7 @@ LEVELS = (
     ("solvers",),
     ("stepping",),
     ("restart",),
+    ("needs",),
     ("run",),
     ("bench", "peers", "study"),
     ("cli",),

@@ -17,6 +17,7 @@ from pdfem_mpi.parallel import comm as parallel
 from pdfem_mpi.parallel.comm import broadcast, gather_pairs, mpi
 from pdfem_mpi.results.checkpoint import Writer, list_checkpoints, open_checkpoint
 from pdfem_mpi.scene import Output, Steps
+from pdfem_mpi.state import FIELDS
 from pdfem_mpi.tables import BROKEN, make_layout, read_broken, read_fields, total_broken, write_tables
 from restarts import FACTORS, StopAt, alone, differing, failing, go, often, outcome, relaxed
 from verification.bodies import build, make_scene
@@ -173,6 +174,9 @@ def test_second_job_is_refused_on_all_ranks(comm, mpi_tmp_path):
 # --- tables -----------------------------------------------------------------------------------------------
 
 
+NAMES = [field.name for field in FIELDS]
+
+
 def every_bond(body):
     """All pairs of points within the cutoff, sorted, of the whole body."""
     from pdfem_mpi.fields import point_positions
@@ -192,15 +196,15 @@ def store(comm, path, which, wide=False):
     """Write fields that are functions of the position, and broken bonds dealt out to the ranks. Collective."""
     body = build(make_scene((5, 2, 2), 2), comm)
     layout = make_layout(body.discretization, body.model)
-    for k, values in enumerate(body.state.fields.values()):
-        values[:] = body.of_positions(lambda x, k=k: np.sin(x + k))
+    for k, name in enumerate(NAMES):
+        body.state.add(name)[:] = body.of_positions(lambda x, k=k: np.sin(x + k))
     pairs = some(every_bond(body), which)
     rng = np.random.default_rng(5)
     mine = pairs[rng.integers(0, comm.size, len(pairs)) == comm.rank]
     mine = mine[rng.permutation(len(mine))] + wide * np.array([0, 2**33])
     total, needs = total_broken(body.model, mine)
     assert (total, needs) == (len(pairs), wide and total > 0)
-    writer = Writer(path, layout.tables(total, needs), "job") if comm.rank == 0 else None
+    writer = Writer(path, layout.tables(total, needs, NAMES), "job") if comm.rank == 0 else None
     write_tables(body.model, layout, body.state.fields, mine, writer)
     if writer:
         writer.finish({})
@@ -221,6 +225,8 @@ def test_tables_are_the_same_file_from_any_number_of_ranks(comm, mpi_tmp_path, m
 
     body = build(make_scene((5, 2, 2), 2), comm)
     layout = make_layout(body.discretization, body.model)
+    for name in NAMES:
+        body.state.add(name)
     if comm.rank == 0:
         with open_checkpoint(path) as reader:
             read_fields(body.model, layout, body.state, reader)

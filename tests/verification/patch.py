@@ -106,7 +106,7 @@ def patch_test(body: Body, name: str, tolerance: float = 1e-6) -> Errors:
     forces = np.abs(body.internal(exact))
     u = body.state.u
     u[:] = exact
-    body.state.fields["v"][:] = 0.0
+    body.state.v[:] = 0.0
     body.state.iteration = 0
     adr.solve(body.forces, body.state, np.zeros_like(u), fixed, tolerance, 5000)
     return Errors(float(np.abs(u - exact).max()), float(forces[~fixed].max() / forces[fixed].max()))

@@ -108,7 +108,7 @@ def part(whole: Body, owned=None, finite=True, factor=None, cutoff=CUTOFF, numbe
             counts,
         )
     bonds = Bonds(
-        interior, boundary, finite, cutoff, W * added, np.repeat(at_cluster, W), counts, *strongest.tolist()
+        interior, boundary, finite, cutoff, added, at_cluster, counts, *strongest.tolist()
     )
     return Part(points, bonds, point)
 

@@ -1,0 +1,36 @@
+"""How the C library's malloc keeps arrays that were freed: not at all while a run is set up.
+
+The GNU malloc takes small arrays from its heap and large ones from the system. Once a large array was freed, it takes
+arrays of that size from the heap, where a small one that lives behind them keeps their pages. Set-up frees many arrays
+that it needs once; with this, their pages go back at once, and those of the bonds come instead. In the loops of a
+solver the heap is the better place: a page from the system is cleared first.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+from collections.abc import Iterator
+
+# From the GNU C library's malloc.h; other libraries keep their own ways.
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+#: Arrays of at least so many bytes get pages of their own: while a run is set up, and otherwise, where it is the most
+#: that the library allows.
+APART, OTHERWISE = 1 << 18, 32 << 20
+
+
+@contextlib.contextmanager
+def large_arrays_apart() -> Iterator[None]:
+    """Give arrays pages of their own, which the system has back when they are freed."""
+    _set(APART, APART)
+    try:
+        yield
+    finally:
+        _set(OTHERWISE, 2 * OTHERWISE)
+
+
+def _set(threshold: int, trim: int) -> None:
+    with contextlib.suppress(AttributeError, OSError, TypeError):
+        mallopt = ctypes.CDLL(None).mallopt
+        mallopt(_MMAP_THRESHOLD, threshold)
+        mallopt(_TRIM_THRESHOLD, trim)
