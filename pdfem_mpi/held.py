@@ -21,6 +21,8 @@ WALKED = ("pdfem_mpi.", "scipy.sparse.")
 class Count:
     """Counts arrays, each buffer once over all calls: parts that are asked for first take what they share.
 
+    It knows buffers by their addresses: what it counted must live as long as it does.
+
     Attributes
     ----------
     total : int
@@ -46,6 +48,12 @@ class Count:
                     self._visited[id(thing)] = thing
                     left.extend(inside)
         return self.total - before
+
+    def copy(self) -> Count:
+        """One that goes on from here, for things that do not live long."""
+        other = Count()
+        other.total, other._buffers, other._visited = self.total, dict(self._buffers), dict(self._visited)
+        return other
 
     def _add(self, array: np.ndarray) -> None:
         while isinstance(array.base, np.ndarray):

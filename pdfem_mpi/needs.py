@@ -21,7 +21,7 @@ from pdfem_mpi.memory import Need, show_bytes
 from pdfem_mpi.model import Model
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.restart import Keeper
-from pdfem_mpi.scene import Scene, Steps
+from pdfem_mpi.scene import Events, Ramp, Scene, Steps
 from pdfem_mpi.solvers.convergence import Progress
 from pdfem_mpi.state import State
 from pdfem_mpi.stepping.solver import EquilibriumSolver
@@ -39,6 +39,34 @@ PARTS = (
 SHARED_OUT = ("damage_weights", "elements", "overlap", "masses", "state")
 
 
+def features_of(scene: Scene) -> frozenset[str]:
+    """What a scene has, in the words of `kernels.warm_up.NEEDED_BY`."""
+    bonds, settings = scene.has_peridynamics, scene.peridynamics
+    events = isinstance(scene.stepping, Events)
+    has = {
+        "bonds": bonds,
+        settings.kinematics: bonds,
+        "failing": bonds and can_fail(scene),
+        "correction": bonds and settings.surface_correction in ("appendix_a", "virial"),
+        "fitted": bonds and settings.surface_correction == "fitted",
+        "noise": settings.stiffness_noise > 0.0,
+        "cracks": bool(scene.cracks),
+        "damage": scene.output.damage,
+        "mirrors": bool(scene.mesh.symmetry),
+        "overlap": scene.is_coupled,
+        "cg": scene.solver.kind == "cg" or events,
+        "adr": scene.solver.kind == "adr" or isinstance(scene.stepping, Ramp),
+        "elements": scene.has_finite_elements or scene.solver.kind == "cg" or events,  # those of the intact body
+    }
+    return frozenset(feature for feature, there in has.items() if there)
+
+
+def can_fail(scene: Scene) -> bool:
+    """Whether the deck has a limit for some bond."""
+    entries = (scene.material, *scene.materials.values(), *scene.interfaces)
+    return any(entry.critical_stretch is not None or entry.fracture_energy is not None for entry in entries)
+
+
 class Watched:
     """What solvers hold while they work, beside the run's own arrays.
 
@@ -52,14 +80,14 @@ class Watched:
     def __init__(self, forces: Forces, *held: Any):
         self.kinds: dict[type, int] = {}
         self.swept = forces.swept
-        self._count = Count()
-        self._count.bytes_of(forces, *held)
+        self._own = Count()
+        self._own.bytes_of(forces, *held)
 
     def hear(self, progress: Progress) -> None:
         """Count what a solver holds, once for each kind of solver."""
         kind = type(progress.work[0]) if progress.work else None
         if kind is not None and kind not in self.kinds:
-            self.kinds[kind] = self._count.bytes_of(*progress.work)
+            self.kinds[kind] = self._own.copy().bytes_of(*progress.work)
 
     @property
     def bytes(self) -> int:
@@ -167,7 +195,8 @@ def table_of(summary: dict[str, Any]) -> list[tuple[str, str]]:
     sizes = memory["array_bytes"]
 
     def show(size: int) -> str:
-        return f"{size / 2**20:.2f} MiB" + (f", {size / bonds:.2f} B a bond" if bonds else "")
+        text = f"{size / 2**20:.1f} MiB" if size >= 2**20 else f"{size / 2**10:.1f} KiB"
+        return text + (f", {size / bonds:.2f} B a bond" if bonds else "")
 
     whole = sum(sizes.values())
     large = sorted((name for name in sizes if 100 * sizes[name] >= whole), key=sizes.get, reverse=True)
@@ -208,8 +237,7 @@ def left_out(scene: Scene, discretization: Discretization, failure: Failure | No
     if scene.peridynamics.surface_correction != "fitted":
         because(f'peridynamics.surface_correction = "{scene.peridynamics.surface_correction}"', "fitted_factors")
     if failure is None:
-        limits = [(m.critical_stretch, m.fracture_energy) for m in (scene.material, *scene.materials.values())]
-        limited = any(limit is not None for pair in limits for limit in pair)
+        limited = can_fail(scene)
         reason = "no region may fail" if limited else "no critical_stretch and no fracture_energy in the deck"
         because(reason, "break_check", "break_records", "broken_bonds")
     elif not failure.count:

@@ -8,6 +8,7 @@ import os
 import platform
 import shutil
 import sys
+from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -26,11 +27,11 @@ from pdfem_mpi.fields import Fields, digest_fields, fields_sha256, gather_damage
 from pdfem_mpi.fingerprint import identity
 from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.heap import large_arrays_apart
-from pdfem_mpi.kernels.warm_up import compile_kernels
+from pdfem_mpi.kernels.warm_up import compile_kernels, not_compiled
 from pdfem_mpi.loading import make_load_case
 from pdfem_mpi.memory import Need, check_mesh, check_model, resident, show_bytes
 from pdfem_mpi.model import Model, build_model
-from pdfem_mpi.needs import Watched, count_parts, describe_memory, left_out, table_of
+from pdfem_mpi.needs import Watched, count_parts, describe_memory, features_of, left_out, table_of
 from pdfem_mpi.parallel.comm import NotWritten, agree, broadcast, largest, node_communicator, on_root, sum_integers
 from pdfem_mpi.pausing import Pauses, Stopped
 from pdfem_mpi.probes import Bar, Line, bar_results, displacement_at, measure_bar, measure_line
@@ -101,14 +102,16 @@ def draw_run(folder: Path, scene: Scene, film: bool = False) -> list[Path]:
     return draw_failure(folder, scene.title, scene.units.length, scene.units.force, film)
 
 
-def warm_up(comm) -> None:
-    """Compile the kernels on one rank of each node, then load them on the others. Collective."""
+def warm_up(comm, features: Collection[str] | None = None) -> None:
+    """Compile the kernels that a scene with these features calls, or all of them: on one rank of each node first, so
+    that the others find them. Collective.
+    """
     node = node_communicator(comm)
     if node.rank == 0:
-        compile_kernels()
+        compile_kernels(features)
     node.Barrier()
     if node.rank > 0:
-        compile_kernels()
+        compile_kernels(features)
     node.Free()
 
 
@@ -288,10 +291,10 @@ class _Run:
     def _go(self, start: Start) -> int:
         scene, comm = self.scene, self.comm
         with _phase(self.seconds, "compile"):
-            cache = Path(os.environ.get("NUMBA_CACHE_DIR", ""))
-            if on_root(comm, lambda: not any(cache.rglob("*.nbi"))):
-                self.reporter.line("compiling the kernels, once on this machine (10 to 30 s)")
-            warm_up(comm)
+            features = features_of(scene)
+            if missing := on_root(comm, lambda: not_compiled(features)):
+                self.reporter.line(f"compiling {missing} kernels, once on this machine (up to 30 s)")
+            warm_up(comm, features)
         before = resident()
         with _phase(self.seconds, "setup"), large_arrays_apart():
             discretization, need = prepare(scene, comm)

@@ -1,4 +1,8 @@
-"""Compile all kernels ahead of the first time step."""
+"""Compile the kernels that a scene calls ahead of the first time step."""
+
+import os
+from collections.abc import Collection
+from typing import Any
 
 import numba
 
@@ -41,19 +45,74 @@ MODULES = (
 )
 
 
-def compile_kernels() -> None:
-    """Compile every kernel for the one signature it is called with, or load it from the cache.
+#: What a scene must have for the kernels of a module, or a kernel, to be called; every scene calls the others.
+NEEDED_BY = {
+    bond_factors: {"fitted"},
+    ceilings: {"bench"},
+    cracks: {"cracks"},
+    components.join_bonds: {"bonds"},
+    failure: {"failing"},
+    failure.add_broken_blocks: {"failing", "cg"},
+    failure.add_noise: {"noise"},
+    families: {"bonds"},
+    finite_elements: {"elements"},
+    images: {"mirrors"},
+    krylov: {"cg"},
+    local_damage: {"damage"},
+    overlap: {"overlap"},
+    peridynamics: {"bonds"},
+    peridynamics.add_forces_series: {"finite"},
+    peridynamics.add_forces_closed: {"finite"},
+    peridynamics.add_forces_series_failing: {"finite", "failing"},
+    peridynamics.add_forces_closed_failing: {"finite", "failing"},
+    peridynamics.add_forces_linear: {"linear"},
+    peridynamics.add_forces_linear_failing: {"linear", "failing"},
+    peridynamics.add_tangent_series: {"finite", "cg"},
+    peridynamics.add_tangent_closed: {"finite", "cg"},
+    peridynamics.complete_z: {"finite"},
+    preconditioner: {"cg"},
+    preconditioner.add_point_blocks: {"bonds", "cg"},
+    relaxation: {"adr"},
+    surface_correction: {"correction"},
+}
 
-    Afterwards a call with other types is a TypeError instead of a silent second compilation. Does nothing the second
-    time, and with ``NUMBA_DISABLE_JIT=1``.
-    """
-    if numba.config.DISABLE_JIT or not all(
-        kernel._can_compile for module in MODULES for kernel in module.SIGNATURES
-    ):
-        return
+
+def kernels(features: Collection[str] | None = None) -> dict[Any, Any]:
+    """The kernels that a scene with these features calls, or all of them, with their signatures."""
+    found = {}
     for module in MODULES:
         for kernel, signature in module.SIGNATURES.items():
-            kernel.compile(signature)
-    for module in MODULES:
-        for kernel in module.SIGNATURES:
+            needed = NEEDED_BY.get(kernel, NEEDED_BY.get(module, set()))
+            if features is None or needed <= set(features):
+                found[kernel] = signature
+    return found
+
+
+def compile_kernels(features: Collection[str] | None = None) -> None:
+    """Compile kernels for the one signature each is called with, or load them from the cache.
+
+    Afterwards a call of one of them with other types is a TypeError instead of a silent second compilation. The others
+    are compiled or loaded when they are first called. Does nothing with ``NUMBA_DISABLE_JIT=1``.
+
+    Parameters
+    ----------
+    features : words of `NEEDED_BY`, optional
+        What the scene has; all kernels without.
+    """
+    if numba.config.DISABLE_JIT:
+        return
+    chosen = kernels(features)
+    for kernel in kernels():
+        kernel.disable_compile(False)  # those that the new ones call
+    for kernel, signature in chosen.items():
+        kernel.compile(signature)
+    for kernel in kernels():
+        if kernel.signatures:
             kernel.disable_compile()
+
+
+def not_compiled(features: Collection[str] | None = None) -> int:
+    """How many of the kernels are not in the cache."""
+    if numba.config.DISABLE_JIT:
+        return 0
+    return sum(not os.path.exists(kernel._cache._cache_file._index_path) for kernel in kernels(features))

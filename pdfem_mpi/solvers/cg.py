@@ -79,7 +79,10 @@ def solve(
     """
     u, comm = state.u, forces.model.comm
     finite = bool(forces.model.bonds and forces.model.bonds.finite)
-    tangent = Forces(forces.model, tangent=True, seconds=forces.seconds) if finite else forces.with_own_bounds()
+    if finite:
+        tangent = Forces(forces.model, tangent=True, seconds=forces.seconds, swept=forces.swept)
+    else:
+        tangent = forces.with_own_bounds()
     residual = np.empty_like(u)
     start, norm, forcing, largest_met = forces.evaluations, math.inf, FIRST_FORCING, 0.0
     sequence = _Sequence(tangent, fixed, preconditioner, np.zeros_like(u))

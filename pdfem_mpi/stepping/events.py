@@ -120,7 +120,8 @@ class _Events:
         self.tangent = self.forces
         if self.finite:
             bounds = self.forces.bounds.part("tangent")
-            self.tangent = Forces(self.model, bounds, tangent=True, seconds=self.forces.seconds)
+            own = self.forces
+            self.tangent = Forces(self.model, bounds, tangent=True, seconds=own.seconds, swept=own.swept)
         self.watch = lambda progress: watch(state.step + 1, progress)
         self.reporter = Reporter(self.forces, case, failure)
         self.residual, self.step = np.empty_like(state.u), np.empty_like(state.u)

@@ -140,7 +140,7 @@ def test_usr2_prints_stacks_and_the_run_goes_on(out, deck):
 @pytest.mark.slow
 def test_a_signal_while_the_kernels_compile(out, deck, straight, tmp_path):
     """It is acted on at the first safe point: a checkpoint of the beginning."""
-    run = Started("run", deck, "--out", out, until="compiling the kernels", NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    run = Started("run", deck, "--out", out, until="compiling ", NUMBA_CACHE_DIR=str(tmp_path / "cache"))
     time.sleep(1.0)
     run.process.send_signal(signal.SIGUSR1)
     assert run.end(timeout=300) == STOPPED, run.output
