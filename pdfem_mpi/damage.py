@@ -32,7 +32,7 @@ def family_weights(comm, points: Points, bonds: Bonds) -> np.ndarray:
     for rows in bonds.rows:
         add_bond_weights(*rows.arrays, stride, points.cell_number, points.x, points.volume, quantum, sums)
     halo_for(points.halo, SCALAR).scatter_reverse(sums.reshape(-1, 2, 1, W))
-    return sums.reshape(-1, 2 * W)[: points.n_owned]
+    return sums.reshape(-1, 2 * W)[: points.n_owned].copy()  # without the ghosts
 
 
 def local_damage(comm, points: Points, bonds: Bonds, intact: np.ndarray) -> np.ndarray:

@@ -35,8 +35,8 @@ PARTS = (
     "solver_vectors",
 )  # fmt: skip
 #: The same bytes on every rank count: each cell, node or bond is on one rank. Others have ghosts, rows that depend on
-#: which rank computes a bond, or stand on every rank.
-SHARED_OUT = ("damage_weights", "elements", "overlap", "masses", "state")
+#: which rank computes a bond, or stand on every rank, like the matrix of elements of one shape.
+SHARED_OUT = ("damage_weights", "overlap", "masses", "state")
 
 
 def features_of(scene: Scene) -> frozenset[str]:
