@@ -27,6 +27,7 @@ from pdfem_mpi.deck import parse_deck
 from pdfem_mpi.discretization import discretize
 from pdfem_mpi.failure import Failure, make_failure
 from pdfem_mpi.forces import NOTHING_FAILS, Forces, pages
+from pdfem_mpi.heap import large_arrays_apart
 from pdfem_mpi.kernels import ceilings, finite_elements, peridynamics
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
@@ -174,15 +175,16 @@ def _measure_finite(case: dict, comm, seconds: float) -> dict:
     forget_peak()
     comm.Barrier()
     start = perf_counter()
-    discretization = discretize(scene)
-    model = build_model(scene, discretization, comm)
-    load_case = make_load_case(scene, discretization, model)
-    state = new_state(model)
-    forces, failure = Forces(model, state.bounds), make_failure(scene, discretization, model)
-    comm.Barrier()
-    set_up = float(largest(comm, np.array([perf_counter() - start]))[0])
-    u, nothing, force = _ready(forces, "bond")
-    after, peak = (int(n) for n in sum_integers(comm, np.array([resident() - before, peak_resident() - before])))
+    with large_arrays_apart():
+        discretization = discretize(scene)
+        model = build_model(scene, discretization, comm)
+        load_case = make_load_case(scene, discretization, model)
+        state = new_state(model)
+        forces, failure = Forces(model, state.bounds), make_failure(scene, discretization, model)
+        comm.Barrier()
+        set_up = float(largest(comm, np.array([perf_counter() - start]))[0])
+        u, nothing, force = _ready(forces, "bond")
+        after, peak = (int(n) for n in sum_integers(comm, np.array([resident() - before, peak_resident() - before])))
     bonds, points = total_bonds(comm, model.bonds), 8 * discretization.n_point_cells
     halo, rows_here = model.points.halo, sum(len(rows.offset) - 1 for rows in model.bonds.rows)
     n_rows, owned, ghosts = sum_integers(comm, np.array([rows_here, halo.n_owned, halo.n_ghost])).tolist()
