@@ -162,7 +162,7 @@ def _displacements(model: Model) -> np.ndarray:
 def _ready(forces: Forces, bound: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Displacements, no loads, and a force, after evaluations that have fitted the bounds of the sums."""
     u = _displacements(forces.model)
-    nothing, force = np.zeros_like(u), np.empty_like(u)
+    nothing, force = np.zeros(len(u)), np.empty_like(u)  # no page of nothing is written
     setattr(forces.bounds, bound, 2.0**-40)
     forces.evaluate_surely(u, nothing, force)
     return u, nothing, force
