@@ -28,7 +28,7 @@ from pdfem_mpi.model import Model
 from pdfem_mpi.parallel.comm import NotWritten, broadcast
 from pdfem_mpi.scene import Scene
 from pdfem_mpi.signals import Requests
-from pdfem_mpi.state import State
+from pdfem_mpi.state import FIELDS, State
 from pdfem_mpi.stepping.solver import EquilibriumSolver
 from pdfem_mpi.tables import make_layout, read_broken, read_fields, total_broken, write_tables
 
@@ -258,7 +258,7 @@ def restore(start: Start, discretization: Discretization, model: Model, state: S
     state.iteration, state.spent = saved["iteration"], saved["spent"]
     state.program = dict(saved["program"])
     state.began = perf_counter() - saved["seconds"]
-    for name in saved["fields"]:
+    for name in saved.get("fields", [entry.name for entry in FIELDS]):  # all, before they were named
         state.add(name)
     with _reader(start.path, model.comm) as reader:
         read_fields(model, make_layout(discretization, model), state, reader)
