@@ -35,7 +35,7 @@ POINT_BYTES = 170
 #: Vectors over the unknowns of a point or node while a load case is made: state, loads, one rigid mode at a time.
 MOTION_BYTES = 330
 #: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model and grid, for a cell.
-GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES = 650, 2700
+GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES = 320, 2700
 #: Table, vectors, blocks and multipliers of a point while bond factors are fitted.
 FIT_POINT_BYTES = 1700
 #: Matrix and factors of the fit's grid on every rank, for a cell with points, and at most.
