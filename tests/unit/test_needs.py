@@ -1,6 +1,7 @@
 """A scene allocates, compiles and imports what it needs, and the summary says so."""
 
 import json
+import platform
 from importlib.machinery import SourceFileLoader
 from importlib.util import module_from_spec, spec_from_loader
 from unittest.mock import patch
@@ -188,6 +189,7 @@ def test_digest_in_slabs_is_that_of_the_fields(n_elements, monkeypatch):
     assert digest_fields(body.discretization, body.forces, u) == fields_sha256(fields)
 
 
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other mallocs have their own ways")
 def test_freed_arrays_of_set_up_go_back_to_the_system():
     """A small array behind each large one would keep its pages in the heap."""
     with large_arrays_apart():
@@ -195,12 +197,12 @@ def test_freed_arrays_of_set_up_go_back_to_the_system():
         large, small = [], []
         for _ in range(64):
             large.append(np.ones(1 << 17))
-            small.append(np.ones(8))
+            small.append(np.ones(1 << 13))
         grown = resident() - before
         del large
         left = resident() - before
     assert grown > 60 << 20
-    assert left < 4 << 20
+    assert left < 8 << 20  # the small ones are 4 MiB
 
 
 # Runs scenes one after the other as the command line does, each with the kernels of its features; nothing more may be
