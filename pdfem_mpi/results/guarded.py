@@ -2,7 +2,8 @@
 
 HDF5 that cannot write (a full disk) does not close its file either: the space of the file stays taken after it was
 removed, and the process ends in a segmentation fault. So HDF5 writes through an object that keeps the first error to
-itself; the error is raised after HDF5 has let go of the file.
+itself; the error is raised after HDF5 has let go of the file. A file that HDF5 cannot open through such an object would
+stay with it, and end the process in a segmentation fault as well: it is opened as a plain file first.
 """
 
 import os
@@ -71,8 +72,11 @@ def guarded(path: str | Path, mode: str, *, synced: bool = False, **options: Any
     Raises
     ------
     OSError
-        At the end of the block: the first error of writing, with the file's name.
+        At once: the file cannot be opened. At the end of the block: the first error of writing, with the file's name.
     """
+    if mode == "r+":
+        with h5py.File(path, "r", locking=False):
+            pass
     sink = _Sink(Path(path), mode)
     try:
         with h5py.File(sink, mode, **options) as file:
