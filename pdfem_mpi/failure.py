@@ -23,6 +23,9 @@ from pdfem_mpi.scene import Scene
 
 #: Critical stretch of bonds that do not break: far above any stretch, and its square is finite.
 UNBREAKABLE = 1e100
+#: Fitted bonds up to this fraction of the cells' mean edge set no load: where strains vary, the distance of the nearest
+#: points reads up to a third too much (docs/failure_criterion.md).
+TOO_NEAR = 0.5
 #: Records a sweep can hold before they are booked; a point with more rows gets more.
 RECORDS = 16384
 
@@ -47,6 +50,8 @@ class Failure:
         Critical stretch by the classes of the two points; at least `UNBREAKABLE` if the bond does not break.
     pairs, strengths, counter
         Records of the sweep under way (see kernels/peridynamics.py).
+    nearest : float, dimension length
+        Bonds up to this length break like others, but do not tell at which load the next bond breaks.
     global_pairs : list of int64 arrays (n, 2)
         Global ids (lower, higher) of all bonds broken on this rank; an image's id is above that of its point by the
         number of its reflection times the number of points.
@@ -65,6 +70,7 @@ class Failure:
     pairs: np.ndarray
     strengths: np.ndarray
     counter: np.ndarray
+    nearest: float = 0.0
     global_pairs: list[np.ndarray] = field(default_factory=list)
     count: int = 0
     dissipated: float = 0.0
@@ -144,13 +150,22 @@ class Failure:
         return taken
 
     def largest_ratio(self, model: Model, S: np.ndarray) -> float:
-        """Largest stretch relative to its critical one, of all intact bonds at the table ``S``. Collective."""
+        """Largest stretch relative to its critical one, of the intact bonds that tell at the table ``S``. Collective.
+
+        Where none of them is stretched, all tell.
+        """
         inverse = np.where(self.stretch < UNBREAKABLE, 1.0 / self.stretch, 0.0)
-        top = max(
-            failure.largest_ratio(*rows.arrays, S.reshape(-1), self.class_of, inverse, model.bonds.finite)
-            for rows in model.bonds.rows
-        )
-        return float(largest(model.comm, np.array([top]))[0])
+
+        def top(nearest):
+            of_rows = (
+                failure.largest_ratio(
+                    *rows.arrays, S.reshape(-1), self.class_of, inverse, model.bonds.finite, nearest**2
+                )
+                for rows in model.bonds.rows
+            )
+            return float(largest(model.comm, np.array([max(of_rows)]))[0])
+
+        return top(self.nearest) or top(0.0)
 
     def broken_pairs(self) -> np.ndarray:
         """Global ids (lower, higher) of the bonds broken on this rank, int64, shape (n, 2)."""
@@ -219,12 +234,15 @@ def make_failure(scene: Scene, discretization: Discretization, model: Model) -> 
     cells = np.concatenate([share.free, share.overlap, share.ghosts, share.images])
     most = max(int(np.diff(rows.start).max(initial=0)) for rows in model.bonds.rows)
     room = max(RECORDS, W * most)
+    fitted = model.body_fit is not None and model.body_fit.fit is not None
+    edge = discretization.mesh.mean_edge / discretization.units.length
     return Failure(
         class_of=np.repeat(discretization.region[cells].astype(np.uint8), 2),
         stretch=stretch,
         pairs=np.empty((room, 2), np.int64),
         strengths=np.empty((room, 2), np.float32),
         counter=np.zeros(1, np.int64),
+        nearest=TOO_NEAR * edge if fitted else 0.0,
     )
 
 

@@ -18,7 +18,7 @@ _golden, _mix_1, _mix_2 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE
 
 
 @njit(**_options)
-def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite):
+def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite, nearest):
     """Largest stretch of an intact bond relative to its critical stretch.
 
     Parameters
@@ -31,6 +31,8 @@ def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite)
     inverse : float64, shape (n_classes, n_classes)
         ``1 / s_0`` by the classes of the two points; 0 for bonds that do not break.
     finite : bool
+    nearest : float, dimension length^2
+        Only bonds whose squared length is above this count.
 
     Returns
     -------
@@ -40,6 +42,7 @@ def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite)
     zero = splat(0.0)
     one = splat(1.0)
     tiny = splat(1e-300)
+    least = splat(nearest)
     top = zero
     stride = 2 * W if finite else W
     for i in range(row_start.size - 1):
@@ -56,10 +59,12 @@ def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite)
             work = fma(dx, gx, fma(dy, gy, dz * gz))
             intact = above(load(row_data, row * stride), zero)
             if finite:
-                e = work * load(row_data, row * stride + W)
-                s = e / (one + root(largest(one + e, zero)))
+                shape = load(row_data, row * stride + W)
+                e = work * shape
+                s = both(e / (one + root(largest(one + e, zero))), above(one, least * shape))
             else:
-                s = work / largest(fma(gx, gx, fma(gy, gy, gz * gz)), tiny)  # a slot without a bond may have no length
+                square = fma(gx, gx, fma(gy, gy, gz * gz))
+                s = both(work / largest(square, tiny), above(square, least))  # an empty slot may have no length
             top = largest(both(s, intact) * splat(inverse[class_of[c], class_of[b // (9 * W)]]), top)
     return hmax(top)
 
@@ -281,7 +286,9 @@ _f8, _i8, _int = types.float64[::1], types.int64[::1], types.int64
 _rows = (_i8, types.uint32[::1], types.float32[::1])
 _records = (types.int64[:, ::1], types.float32[:, ::1])
 SIGNATURES = {
-    largest_ratio: types.float64(*_rows, _f8, types.uint8[::1], types.float64[:, ::1], types.boolean),
+    largest_ratio: types.float64(
+        *_rows, _f8, types.uint8[::1], types.float64[:, ::1], types.boolean, types.float64
+    ),
     add_energies: types.void(*_rows, _f8, types.boolean, _i8),
     broken_energies: types.void(*_records, _int, _f8, types.boolean, _f8),
     break_listed: types.int64(types.int64[:, ::1], *_rows, types.boolean, *_records),

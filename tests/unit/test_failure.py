@@ -10,10 +10,10 @@ from pdfem_mpi import failure as failure_module
 from pdfem_mpi.deck import DeckError, parse_deck
 from pdfem_mpi.failure import UNBREAKABLE, critical_stretches, make_failure
 from pdfem_mpi.kernels.exact_sums import BITS
-from pdfem_mpi.scene import Material, Region
+from pdfem_mpi.scene import Material, Peridynamics, Region
 from pdfem_mpi.solvers.blocks import inverted, point_blocks
 from verification.bodies import build, make_scene
-from verification.failing import STRETCH, failing, followed, strip
+from verification.failing import EDGE, STRETCH, failing, followed, strip
 
 QUADRATURE = 1e-6  # relative: the cutoff's guard is 1e-9, the cone integral is exact to 1e-8
 
@@ -299,3 +299,45 @@ def test_values_out_of_range_are_named(stepping, key):
     with pytest.raises(DeckError) as caught:
         parse_deck(DECK.format(**GOOD | changes), "deck.toml")
     assert any(message.startswith(f"deck.toml: {key}") for message in caught.value.messages), caught.value.messages
+
+
+# --- fitted bonds
+
+
+def fitted_strip(correction="fitted", kinematics="linear"):
+    """A strip two cells thick with positive factors, or others, and an edge crack: strains vary at its tip."""
+    scene = strip(cells=(8, 6, 2), crack=EDGE, kinematics=kinematics)
+    settings = {"surface_correction": correction, "signs": "bounded", "kinematics": kinematics}
+    return scene.model_copy(update={"peridynamics": Peridynamics(**settings)})
+
+
+def test_only_fitted_bonds_have_neighbours_too_near_to_tell():
+    """Half of the cells' edge, in model units; nothing where factors are not fitted."""
+    assert failing(fitted_strip("virial")).failure.nearest == 0.0
+    run = failing(fitted_strip())
+    assert run.body.model.body_fit.fit is not None
+    assert run.failure.nearest == pytest.approx(0.5 / run.body.discretization.units.length)
+
+
+@pytest.mark.parametrize("kinematics", ["linear", "finite"])
+def test_longer_bonds_set_the_load_of_the_next_break(kinematics):
+    """At the first critical state the longest stretch of those is critical, a nearer one beyond; all beyond break."""
+    run = failing(fitted_strip(kinematics=kinematics))
+    run.failure.nearest = 0.9  # the strip's tip stretches bonds of this length most
+    (row,) = run.follow(1)
+    assert row.event == "critical"
+    assert run.ratio() == pytest.approx(1.0, rel=2e-6)  # BRACKET of finite kinematics
+    run.failure.nearest = 0.0
+    beyond = run.ratio()
+    assert beyond > 1.01
+    next(run.follow(1))
+    assert run.failure.count > 0 and run.ratio() < 1.0
+
+
+def test_all_bonds_tell_where_no_longer_one_is_stretched():
+    """A length above that of all bonds leaves them all."""
+    run = failing(fitted_strip())
+    run.body.state.u[:] = run.body.of_positions(lambda x: 0.001 * x)
+    everything = run.ratio()
+    run.failure.nearest = 100.0
+    assert run.ratio() == everything > 0.0

@@ -71,7 +71,7 @@ def test_largest_ratio(finite, cells):
     s, _ = stretches(whole, u, pairs, finite)
     of_point = np.repeat(class_of, W)
     ratios = s * inverse[of_point[pairs[:, 0]], of_point[pairs[:, 1]]]
-    found = failure.largest_ratio(*share.bonds.interior.arrays, point_table(share, u), class_of, inverse, finite)
+    found = failure.largest_ratio(*share.bonds.interior.arrays, point_table(share, u), class_of, inverse, finite, 0.0)
     assert found == pytest.approx(float(ratios.max()), rel=SINGLE if finite else ROUND_OFF)
     assert ratios.argmax() != s.argmax()  # the classes decide
 
@@ -88,8 +88,26 @@ def test_largest_ratio_passes_over_broken_bonds(finite):
     order = np.argsort(s)
     worst = pairs[order[-1:]]
     assert failure.break_listed(worst, *rows.arrays, finite, *records(1)) == 1
-    found = failure.largest_ratio(*rows.arrays, table, class_of, inverse, finite)
+    found = failure.largest_ratio(*rows.arrays, table, class_of, inverse, finite, 0.0)
     assert found == pytest.approx(float(s[order[-2]]), rel=SINGLE if finite else ROUND_OFF)
+
+
+@KINEMATICS
+@SIZES
+def test_largest_ratio_of_the_longer_bonds(finite, cells):
+    """Bonds up to a length do not count, however far they are stretched."""
+    whole = body(cells, "jittered")
+    u, share = displaced(whole), part(whole, finite=finite)
+    class_of, inverse = np.zeros(share.points.n_clusters, np.uint8), np.ones((1, 1))
+    pairs, _ = stored_bonds([share])
+    s, r0 = stretches(whole, u, pairs, finite)
+    worst = r0[s.argmax()] * 1.001
+    for nearest, counting in ((worst, r0 > worst), (0.0, r0 > 0.0), (2.0 * float(r0.max()), r0 < 0.0)):
+        found = failure.largest_ratio(
+            *share.bonds.interior.arrays, point_table(share, u), class_of, inverse, finite, float(nearest) ** 2
+        )
+        expected = float(s[counting].max()) if counting.any() else 0.0
+        assert found == pytest.approx(expected, rel=SINGLE if finite else ROUND_OFF)
 
 
 @KINEMATICS
@@ -101,7 +119,7 @@ def test_largest_ratio_is_the_same_bits_on_any_ranks(finite):
     def largest(shares):
         return max(
             failure.largest_ratio(
-                *rows.arrays, point_table(s, u), np.zeros(s.points.n_clusters, np.uint8), inverse, finite
+                *rows.arrays, point_table(s, u), np.zeros(s.points.n_clusters, np.uint8), inverse, finite, 0.0
             )
             for s in shares
             for rows in s.bonds.rows
