@@ -1,7 +1,7 @@
 """From a discretized body to fitted bonds: its boundary, area vectors, slack, background grid, and fits done before.
 
-A body that is somewhere one cell thick has no positive fit, and its free one is unstable: it gets the correction by the
-virial stress instead, and the run says where.
+A body that is somewhere one cell thick has no positive fit, and its free one is unstable; other fits may end far from
+their equations. Such bodies get the correction by the virial stress instead, and the run says why.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from pdfem_mpi.subdomain import Subdomain
 VERSION = 1
 #: Sweeps over the bonds that a fit takes on bodies of cubes, and bonds a second and core of one.
 EXPECTED_SWEEPS, SWEEP_RATE = {"free": 200, "bounded": 400}, 1e8
-#: A residual above this is told.
-POOR = 1e-6
+#: A residual above this is told, and above that a fit does not serve: a few of its factors are hundreds and more.
+POOR, USELESS = 1e-6, 1e-2
 #: Edges at a corner are at right angles, and neighbours equally long, within this.
 SQUARE = 1e-6
 
@@ -44,7 +44,7 @@ class BodyFit:
     Attributes
     ----------
     fit : Fit or None
-        None where the body is too thin: "virial" has to serve.
+        None where the body is too thin, or the fit too far off: "virial" has to serve.
     notes : tuple of str
         What a user should know.
     reused : bool
@@ -72,7 +72,7 @@ def fit_body(
     Parameters
     ----------
     bonds : Bonds
-        Without correction; overwritten unless the body is too thin.
+        Without correction; overwritten unless the body is too thin. Of no use without a fit.
     signs : "free" or "bounded"
     folders : paths
         Where fits are looked for and left; used on rank 0.
@@ -104,8 +104,7 @@ def fit_body(
             np.ascontiguousarray(rows.reshape(-1, 2, W, N)[number].swapaxes(2, 3)).reshape(-1, N, W) for rows in stored
         ]
         bonds = write_factors(comm, points, bonds, multipliers, signs == "bounded")
-        fit = Fit(**report)
-        return bonds, BodyFit(fit, _remarks(fit), True, key)
+        return bonds, _outcome(Fit(**report), True, key)
 
     areas, change = compatible_areas(discretization, boundary)
     slack = np.zeros((len(chosen), 8), bool)
@@ -128,7 +127,19 @@ def fit_body(
         stored = [gather_rows(comm, number, part, n_cells) for part in rows]
         if comm.rank == 0:
             factor_cache.store(folders, key, asdict(fit), stored)
-    return bonds, BodyFit(fit, _remarks(fit), False, key)
+    return bonds, _outcome(fit, False, key)
+
+
+def _outcome(fit: Fit, reused: bool, key: str) -> BodyFit:
+    """What a fit is good for."""
+    if not fit.residual <= USELESS:
+        note = (
+            f'peridynamics.surface_correction = "fitted" found no factors: after {fit.sweeps} sweeps the residual is '
+            f'{fit.residual:.2g}, the largest factor {fit.largest_factor:.4g}. Using "virial" instead. More cells of '
+            "thickness or more even cells help."
+        )
+        return BodyFit(None, (note,), reused, key)
+    return BodyFit(fit, _remarks(fit), reused, key)
 
 
 def _only_modulus(discretization: Discretization) -> float:

@@ -698,7 +698,7 @@ def _describe_mirrors(scene: Scene) -> str:
 
 
 def _fit_report(outcome: BodyFit | None) -> dict[str, Any] | None:
-    """What became of the fit of the bond factors; its numbers are missing where the body was too thin."""
+    """What became of the fit of the bond factors; its numbers are missing where none serves."""
     if outcome is None:
         return None
     report = {"fingerprint": outcome.fingerprint, "reused": outcome.reused, "notes": list(outcome.notes)}

@@ -12,7 +12,7 @@ from pdfem_mpi.hex8 import SHAPE_AT_GAUSS
 from pdfem_mpi.loading import remove_rigid_motion
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh
-from pdfem_mpi.model import cluster_layout
+from pdfem_mpi.model import build_model, cluster_layout
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run import check_scene
 from pdfem_mpi.scene import Material, Region, SceneError, Traction
@@ -197,6 +197,20 @@ def test_a_thin_body_gets_the_virial_correction_and_is_told_where():
     assert re.search(r"needs two cells of thickness; 30 of 30 .* first at \(0.5, 0.5, 0.5\).*virial", outcome.notes[0])
     virial = build(make_scene((6, 5, 1), correction="virial", internal_length=1.0, loads=()))
     assert (body.model.bonds.interior.data == virial.model.bonds.interior.data).all()
+
+
+def test_a_fit_that_does_not_serve_gives_way_to_the_virial_correction(tmp_path, monkeypatch):
+    """No fit is good enough here; found again on disk it is not used either."""
+    monkeypatch.setattr(body_fit, "USELESS", 1e-30)
+    scene = make_scene((5, 4, 2), correction="fitted", signs="bounded", internal_length=1.0, loads=())
+    virial = build(make_scene((5, 4, 2), correction="virial", internal_length=1.0, loads=()))
+    discretized = discretization.discretize(scene)
+    for reused in (False, True):
+        model = build_model(scene, discretized, mpi().COMM_SELF, (tmp_path,))
+        outcome = model.body_fit
+        assert (outcome.fit, outcome.reused) == (None, reused)
+        assert re.search(r"found no factors: after \d+ sweeps the residual is [\d.e-]+, .*virial", outcome.notes[0])
+        assert (model.bonds.interior.data == virial.model.bonds.interior.data).all()
 
 
 def test_a_body_in_pieces_is_refused():
