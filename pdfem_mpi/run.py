@@ -22,7 +22,7 @@ from pdfem_mpi.body_fit import EXPECTED_SWEEPS, SWEEP_RATE, BodyFit
 from pdfem_mpi.bonds import count_by_material, total_bonds
 from pdfem_mpi.components import describe_loose
 from pdfem_mpi.discretization import Discretization, ModelUnits, discretize, make_mesh
-from pdfem_mpi.failure import Failure, make_failure
+from pdfem_mpi.failure import Failure, describe_criterion, make_failure
 from pdfem_mpi.fields import Fields, digest_fields, fields_sha256, gather_damage, gather_fields, point_positions
 from pdfem_mpi.fingerprint import identity
 from pdfem_mpi.forces import Forces, NotFinite
@@ -327,6 +327,8 @@ class _Run:
         if discretization.mirrors:
             tell(f"mirror planes {_describe_mirrors(scene)}; forces and counts are those of this part")
         for note in model.body_fit.notes if model.body_fit else ():
+            tell(note)
+        for note in describe_criterion(failure):
             tell(note)
         for note in start.notes:
             tell(f"note: {note}")

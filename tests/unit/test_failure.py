@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 from pdfem_mpi import failure as failure_module
 from pdfem_mpi.deck import DeckError, parse_deck
-from pdfem_mpi.failure import UNBREAKABLE, critical_stretches, make_failure
+from pdfem_mpi.failure import UNBREAKABLE, critical_stretches, describe_criterion, make_failure
 from pdfem_mpi.kernels.exact_sums import BITS
 from pdfem_mpi.scene import Material, Peridynamics, Region
 from pdfem_mpi.solvers.blocks import inverted, point_blocks
@@ -341,3 +341,10 @@ def test_all_bonds_tell_where_no_longer_one_is_stretched():
     everything = run.ratio()
     run.failure.nearest = 100.0
     assert run.ratio() == everything > 0.0
+
+
+def test_a_run_says_what_is_known_of_breaking_fitted_bonds():
+    """One sentence with the remedy, for fitted bonds alone."""
+    (note,) = describe_criterion(failing(fitted_strip()).failure)
+    assert 'Use "virial"' in note and "docs/failure_criterion.md" in note
+    assert describe_criterion(failing(fitted_strip("virial")).failure) == describe_criterion(None) == ()
