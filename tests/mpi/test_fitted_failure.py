@@ -1,4 +1,4 @@
-"""Failure of positive fitted bonds beside an exact coupling: the same bits on any ranks, through stops and lost fits."""
+"""Failure of positive fitted bonds beside an exact coupling: the same bits on any ranks, through stops, without fits."""
 
 from unittest.mock import patch
 
@@ -22,7 +22,7 @@ EDGE = ((5.0, -1.0, -1.0), (5.0, 1.01, -1.0), (5.0, 1.01, 3.0), (5.0, -1.0, 3.0)
 
 
 def cracked(kinematics="linear"):
-    """A coupled strip two cells thick with an edge crack, pulled from break to break until it loses a fifth of its load."""
+    """A coupled strip two cells thick with an edge crack, pulled by events until it loses a fifth of its load."""
     scene = make_scene(
         (7, 3, 2),
         2,
@@ -65,7 +65,7 @@ def test_events_do_not_depend_on_the_number_of_ranks(comm, kinematics):
     [("linear", 90), *(pytest.param(*case, marks=pytest.mark.slow) for case in (("linear", 25), ("finite", 9)))],
 )
 def test_starts_on_other_ranks_without_the_fit(mpi_tmp_path, kinematics, length):
-    """Stopped within avalanches, gone on with on other ranks; the second start, and every other after it, finds no fit."""
+    """Stopped within avalanches, gone on with on other ranks; the second start, and every other one, finds no fit."""
     world, folder = mpi().COMM_WORLD, mpi_tmp_path / "run"
     scene, fits = cracked(kinematics), []
     with patch("pdfem_mpi.run.fit_folders", lambda out: (out,)):  # the user's cache knows those of other tests
