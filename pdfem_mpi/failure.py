@@ -211,8 +211,8 @@ def describe_criterion(failure: Failure | None) -> tuple[str, ...]:
     if failure is None or not failure.nearest:
         return ()
     return (
-        'note: bonds that may break have peridynamics.surface_correction = "fitted", with which bodies carried some 15 % '
-        'more than with "virial" and than finer ones (docs/failure_criterion.md). Use "virial" for peaks.',
+        'note: bonds that may break have peridynamics.surface_correction = "fitted", with which bodies carried some 15 '
+        '% more than with "virial" and than finer ones (docs/failure_criterion.md). Use "virial" for peaks.',
     )
 
 

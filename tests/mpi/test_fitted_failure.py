@@ -1,4 +1,4 @@
-"""Failure of positive fitted bonds beside an exact coupling: the same bits on any ranks, through stops, without fits."""
+"""Failure of positive fitted bonds beside an exact coupling: the same bits on any ranks, stopped or not."""
 
 from unittest.mock import patch
 
