@@ -218,7 +218,7 @@ def fit_factors(
         if not reached <= LEAST_REFINEMENT:
             break
         multipliers.append(v)
-        operator.write(v, 1.0, False, _nearest(bonds, fraction))
+        held += operator.write(v, 1.0, bounded, _nearest(bonds, fraction))[0]
         miss = goal - operator.moments(nothing, 1.0, False)
 
     scale = float(largest(comm, np.array([np.abs(goal).max(initial=0.0)]))[0]) or 1.0
@@ -250,7 +250,7 @@ def write_factors(comm, points: Points, bonds: Bonds, multipliers: list[np.ndarr
     operator = Operator(comm, points, bonds)
     operator.write(multipliers[0], START, bounded)
     for v, fraction in zip(multipliers[1:], LONG_BONDS, strict=False):
-        operator.write(v, 1.0, False, _nearest(bonds, fraction))
+        operator.write(v, 1.0, bounded, _nearest(bonds, fraction))
     return operator.bonds
 
 

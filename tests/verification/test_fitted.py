@@ -6,7 +6,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from pdfem_mpi import body_fit, discretization
+from pdfem_mpi import body_fit, bond_factors, discretization
 from pdfem_mpi.boundary_areas import area_vectors, find_boundary
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS
 from pdfem_mpi.loading import remove_rigid_motion
@@ -211,6 +211,16 @@ def test_a_fit_that_does_not_serve_gives_way_to_the_virial_correction(tmp_path, 
         assert (outcome.fit, outcome.reused) == (None, reused)
         assert re.search(r"found no factors: after \d+ sweeps the residual is [\d.e-]+, .*virial", outcome.notes[0])
         assert (model.bonds.interior.data == virial.model.bonds.interior.data).all()
+
+
+@pytest.mark.parametrize("kinematics", ["linear", "finite"])
+def test_bounded_factors_are_positive_after_a_loose_fit_too(monkeypatch, kinematics):
+    """What undoes the rounding must not turn bonds that are nearly 0: those would break at once, and everywhere."""
+    monkeypatch.setattr(bond_factors, "TOLERANCE", 1e-3)
+    body = fitted((8, 6, 2), signs="bounded", kinematics=kinematics)
+    stride = 8 if kinematics == "finite" else 4
+    stored = np.concatenate([rows.data.reshape(-1, stride)[:, :4] for rows in body.model.bonds.rows])
+    assert (stored >= 0.0).all() and (stored > 0.0).any()
 
 
 def test_a_body_in_pieces_is_refused():
