@@ -34,7 +34,7 @@ def cracked(kinematics="linear"):
         supports=(Support(face="x-", x=0.0, y=0.0, z=0.0), Support(face="x+", layers=1, x=0.25)),
         solver="cg",
         cracks=(Crack(polygon=EDGE),),
-        output=Output(figures=False, damage=True),
+        output=Output(figures=False, fields=False),
     )
     breaking = Material(youngs_modulus=YOUNGS_MODULUS, critical_stretch=0.02)
     stepping = Events(kind="events", eta=1e-2, inner_iterations=4, report_every=5, end_reaction=0.8)
@@ -102,7 +102,7 @@ def test_a_part_between_mirror_planes_goes_on_on_other_ranks(mpi_tmp_path):
     """An eighth of a notched plate, stopped within avalanches, with bonds to images among those that broke."""
     world, folder = mpi().COMM_WORLD, mpi_tmp_path / "run"
     quick = {"stepping": Events(kind="events", eta=1e-2, inner_iterations=4, end_reaction=0.8)}
-    scene = notched(("x-", "y-", "z-")).model_copy(update={"output": Output(figures=False, damage=True)} | quick)
+    scene = notched(("x-", "y-", "z-")).model_copy(update={"output": Output(figures=False, fields=False)} | quick)
     expected = None
     if world.rank == 0:
         assert alone(scene, folder.with_name("straight")) == FINISHED
