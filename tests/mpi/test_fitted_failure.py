@@ -62,10 +62,10 @@ def test_events_do_not_depend_on_the_number_of_ranks(comm, kinematics):
 
 @pytest.mark.parametrize(
     ("kinematics", "length"),
-    [("linear", 90), *(pytest.param(*case, marks=pytest.mark.slow) for case in (("linear", 25), ("finite", 9)))],
+    [("linear", 55), *(pytest.param(*case, marks=pytest.mark.slow) for case in (("linear", 25), ("finite", 9)))],
 )
 def test_starts_on_other_ranks_without_the_fit(mpi_tmp_path, kinematics, length):
-    """Stopped within avalanches, gone on with on other ranks; the second start, and every other one, finds no fit."""
+    """Stopped within avalanches, gone on with on other ranks; every other start but the first finds no fit."""
     world, folder = mpi().COMM_WORLD, mpi_tmp_path / "run"
     scene, fits = cracked(kinematics), []
     with patch("pdfem_mpi.run.fit_folders", lambda out: (out,)):  # the user's cache knows those of other tests
@@ -87,12 +87,12 @@ def test_starts_on_other_ranks_without_the_fit(mpi_tmp_path, kinematics, length)
             if world.rank == 0:
                 found = list(folder.glob("bond_factors-*.npz"))
                 fits.append(len(found))
-                for path in () if start % 2 else found:
+                for path in found if start % 2 else ():
                     path.unlink()
             world.Barrier()
             if code != STOPPED:
                 break
-    assert_all(world, code == FINISHED and start >= 1, f"ended with {code} after {start} stops")
+    assert_all(world, code == FINISHED and start >= 2, f"ended with {code} after {start} stops")
     different = differing(outcome(folder), expected) if world.rank == 0 else []
     assert_all(world, not different, f"{different}")
     assert_all(world, world.rank > 0 or min(fits) == 1, f"a fit was not left behind: {fits}")
