@@ -90,7 +90,7 @@ def make_body(scene: Scene) -> Body:
 
 def bonds(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Ends i < j of all bonds, and their stiffness ``c exp(-(r/l)^2) w_i w_j`` (force over stretch, eq. 2)."""
-    scene, edge = body.scene, body.scene.mesh.spacing or body.discretization.mesh.mean_edge
+    scene, edge = body.scene, body.scene.mesh.spacing or body.discretization.mesh.average_edge
     length, cutoff = scene.peridynamics.lengths(edge)
     if scene.peridynamics.surface_correction != "none":
         raise ValueError("the reference knows bonds without surface correction only")

@@ -14,6 +14,7 @@ from pdfem_mpi.solvers.convergence import Convergence, Progress
 from pdfem_mpi.state import State
 from pdfem_mpi.stepping.report import Report, Reporter
 from pdfem_mpi.stepping.solver import EquilibriumSolver
+from pdfem_mpi.stepping.steps import torn_apart
 
 
 def follow_ramp(
@@ -27,7 +28,8 @@ def follow_ramp(
     """Yield a row every ``report_every`` iterations, and the last one. Collective.
 
     Bonds break in the sweep of each iteration. The work of loads and supports is summed by the trapezoidal rule; what
-    it exceeds the stored and the dissipated energy by is kinetic, or damped away.
+    it exceeds the stored and the dissipated energy by is kinetic, or damped away. The ramp ends early where the reaction
+    has fallen, or at the row that finds a part of the body carried away by its loads.
 
     ``state.program`` keeps the work so far, the generalised force of the supports and the largest reaction.
 
@@ -71,6 +73,9 @@ def follow_ramp(
             row = reporter.report(state, event, Convergence(settings.report_every, sums.relative), program["work"])
             program["peak"] = max(program["peak"], row.reaction)
             ended = failure.count and row.reaction < settings.end_reaction * program["peak"]
+            if row.new_broken and (pieces := torn_apart(forces.model, case, external)):
+                solve.note(f"the body came apart under its loads, and the ramp ends: {pieces[0]}")
+                ended = True
             yield row
             if ended:
                 return
