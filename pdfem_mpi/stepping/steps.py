@@ -8,10 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from pdfem_mpi.components import find_loose, find_parts, unbalanced
+from pdfem_mpi.components import without_equilibrium
 from pdfem_mpi.failure import Failure
 from pdfem_mpi.loading import LoadCase, remove_rigid_motion
-from pdfem_mpi.model import Model
 from pdfem_mpi.scene import Steps
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.state import State
@@ -47,8 +46,8 @@ def follow_steps(
             program["evaluations"] = program.get("evaluations", 0) + convergence.evaluations
             if failure is None or not break_bonds(solve, failure, state, external):
                 break
-            if messages := torn_apart(forces.model, case, external):
-                raise _in_pieces(failure, factor, messages[0])
+            if case.load and (torn := without_equilibrium(forces.model, case.fixed, external)[1]):
+                raise _in_pieces(failure, factor, f"loads carry away what came loose, {torn[0].text}.")
             pauses.between(state)
         remove_rigid_motion(forces.model, case, state.u)
         state.step, state.load_factor = step, factor
@@ -64,15 +63,6 @@ def _in_pieces(failure: Failure | None, factor: float, reason: str) -> NotConver
         f"at load factor {factor:.6g}, after {failure.count:,} broken bonds, no equilibrium was found: {reason} Use smaller "
         'steps, or follow failure from break to break: stepping.kind = "events" with solver.kind = "cg".'
     )
-
-
-def torn_apart(model: Model, case: LoadCase, external: np.ndarray) -> list[str]:
-    """A sentence for each part of the body that the loads carry away, as far as bonds are broken now. Collective."""
-    if not case.load:
-        return []
-    parts = find_parts(model)
-    loose = find_loose(model, parts, case.fixed) if parts.count > 1 else ()
-    return unbalanced(model, parts, loose, external)
 
 
 def break_bonds(

@@ -1,5 +1,6 @@
 """Hard cases: each one is solved within the stated error, or refused by name. Short forms; tools/hard_cases runs all."""
 
+import functools
 import sys
 from unittest.mock import patch
 
@@ -58,11 +59,20 @@ def outcome_of(case, folder, short=True):
     return scene, read_outcome(folder, code, "\n".join(listener.said))
 
 
+@pytest.fixture(scope="module")
+def compared_with(tmp_path_factory):
+    """The outcomes of cases that others are compared with, each run once."""
+
+    @functools.cache
+    def outcome(name):
+        return outcome_of(NAMED[name], tmp_path_factory.mktemp("against") / "run")[1]
+
+    return outcome
+
+
 @pytest.mark.parametrize("case", SHORT, ids=lambda case: f"{case.family}: {case.name}")
-def test_case_is_solved_or_refused_by_name(case, tmp_path):
-    others = {}
-    if case.against:
-        others["against"] = outcome_of(NAMED[case.against], tmp_path / "against")[1]
+def test_case_is_solved_or_refused_by_name(case, tmp_path, compared_with):
+    others = {"against": compared_with(case.against)} if case.against else {}
     scene, outcome = outcome_of(case, tmp_path / "case")
     finding = case.judge(case, scene, outcome, others)
     assert finding.holds, f"{finding.got} (error {finding.error}); expected: {case.expected}"
