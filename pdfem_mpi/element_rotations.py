@@ -35,7 +35,8 @@ def largest_rotation(discretization: Discretization, u_nodes: np.ndarray) -> flo
     jacobian = (corners[:, :, :, None] * by_place[None, :, None, :]).sum(axis=1)  # d x_d / d r_k
     along = (u[:, :, :, None] * by_place[None, :, None, :]).sum(axis=1)  # d u_d / d r_k
     place = along @ np.linalg.inv(jacobian) + np.eye(3)  # deformation gradient
-    skew = 0.5 * np.stack([place[:, (d + 2) % 3, (d + 1) % 3] - place[:, (d + 1) % 3, (d + 2) % 3] for d in range(3)], 1)
+    pairs = (((d + 2) % 3, (d + 1) % 3) for d in range(3))
+    skew = 0.5 * np.stack([place[:, a, b] - place[:, b, a] for a, b in pairs], axis=1)
     stretch = 0.5 * (np.trace(place, axis1=1, axis2=2) - 1.0)
     angle = np.arctan2(np.sqrt((skew**2).sum(axis=1)), stretch)
     return float(angle.max())
@@ -44,6 +45,7 @@ def largest_rotation(discretization: Discretization, u_nodes: np.ndarray) -> flo
 def describe_rotation(angle: float) -> str:
     """A warning about elements that turned by ``angle`` radians."""
     return (
-        f"warning: finite elements have turned by up to {math.degrees(angle):.3g} degrees. They are linear (eq. 15), and such "
-        f"a rotation strains them by {100.0 * (1.0 - math.cos(angle)):.2g} %: describe what turns by peridynamics, or load less."
+        f"warning: finite elements have turned by up to {math.degrees(angle):.3g} degrees. They are linear (eq. 15), "
+        f"and such a rotation strains them by {100.0 * (1.0 - math.cos(angle)):.2g} %: describe what turns by "
+        "peridynamics, or load less."
     )

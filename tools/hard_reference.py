@@ -1,6 +1,6 @@
 """Slow answers to compare with: the whole stiffness matrix of a linear scene, solved directly, and bonds one by one.
 
-What the program does by sweeps, clusters, integers and iterations is done here by one sparse matrix and a direct solver.
+What the program does by sweeps, clusters, integers and iterations is done here by a sparse matrix and a direct solver.
 Shared with the program are the mesh, which cell carries what, and the reading of decks; not shared are forces,
 loads, supports, solvers. Surface correction "none" only, where each bond's stiffness has a closed form.
 """

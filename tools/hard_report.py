@@ -18,21 +18,24 @@ eight) and writes this page; the decks with their comments are in `jobs/hard`, t
   (`tools/hard_reference.py`: one sparse matrix, a direct solver, bonds one by one). Errors are relative to the largest
   displacement unless the row says otherwise; displacement fields are kept in single precision, so errors below 1e-7 are
   not seen.
-* **Verdict**: *solved*, or *refused* with exit code 64 (the deck) or 74 (no equilibrium) and the words that are quoted. Every
-  row has the same bits on all its numbers of ranks, finite numbers only, no traceback, and ends within its time limit.
-* Evaluations are sweeps over all bonds and elements; seconds are those of the whole run on one rank, start of Python included.
+* **Verdict**: *solved*, or *refused* with exit code 64 (the deck) or 74 (no equilibrium) and the words that are quoted.
+  Every row has the same bits on all its numbers of ranks, finite numbers only, no traceback, and ends within its time
+  limit.
+* Evaluations are sweeps over all bonds and elements; seconds are those of the whole run on one rank, start of Python
+  included.
 """
 
 
 def report(results: dict[str, dict[str, Any]]) -> str:
     """The page."""
-    counts = {verdict: sum(r["verdict"] == verdict for r in results.values()) for verdict in ("solved", "refused", "FAILED")}
+    verdicts = [result["verdict"] for result in results.values()]
+    counts = {verdict: verdicts.count(verdict) for verdict in ("solved", "refused", "FAILED")}
     missing = len(CASES) - len(results)
     lines = [HEAD, f"{counts['solved']} cases solved, {counts['refused']} refused by name, {counts['FAILED']} failed"]
     lines[-1] += f", {missing} not run." if missing else "."
     for family, hard in FAMILIES.items():
         lines += ["", f"## {family}. {hard[0].upper()}{hard[1:]}", ""]
-        lines += ["| case | expected | got | error | evaluations | seconds | verdict |", "|---|---|---|---|---|---|---|"]
+        lines += ["| case | expected | got | error | evaluations | seconds | verdict |", "|" + 7 * "---|"]
         for case in CASES:
             if case.family == family and case.name in results:
                 lines.append(_row(case, results[case.name]))

@@ -56,8 +56,8 @@ CASES = (
         ("mesh.upper=[6,4,4]", "regions.elements.upper=[3,2,2]", "regions.bonds.lower=[3,0,0]",
          "regions.bonds_beside.lower=[0,2,0]", "regions.bonds_beside.upper=[3,4,4]",
          "regions.bonds_above.lower=[0,0,2]", "regions.bonds_above.upper=[3,2,4]",
-         'supports=[{face="x-",x=-0.006},{face="x+",x=0.006},{face="y-",y=0.0},{face="z-",z=0.0}]', "probes=[]"),
-    ),  # fmt: skip
+         "probes=[]"),
+    ),
     # 2
     Case(
         2,
@@ -65,6 +65,7 @@ CASES = (
         "crack_to_elements",
         "no broken bond beyond the band's edge x = 10, ledger to 1e-9",
         broken(crack_x_max=10.0, crack_x_min=4.0),
+        short=("stepping.end_load_factor=0.72",),
     ),
     Case(
         2,
@@ -73,7 +74,7 @@ CASES = (
         "no broken bond beyond the overlap, x = 15, ledger to 1e-9",
         broken(crack_x_max=15.0, crack_x_min=4.0),
         ("regions.band.may_fail=true", "stepping.end_load_factor=3.0"),
-        ("stepping.end_load_factor=0.7",),
+        None,
     ),
     Case(
         2,
@@ -164,7 +165,15 @@ CASES = (
         uniform_tension(1e-3, SINGLE),
         (*only("finite_elements", "plate"), "loads.0.kind=traction", "loads.1.kind=traction"),
     ),
-    Case(5, "thin plate, bonds", "thin_plate", DIRECT, direct_solution(SINGLE), ("peridynamics.surface_correction=none",)),
+    Case(
+        5,
+        "thin plate, bonds",
+        "thin_plate",
+        DIRECT,
+        direct_solution(SINGLE),
+        ("peridynamics.surface_correction=none",),
+        ("mesh.upper=[12,5,1]",),
+    ),
     Case(5, "thin plate, virial", "thin_plate", "E within 1.4 % (range for bars and plates)", modulus(0.014)),
     Case(
         5,
@@ -184,7 +193,7 @@ CASES = (
             uniform_tension(1e-3, SINGLE),
             (f"peridynamics.internal_length={length}", f"peridynamics.cutoff_radius={ratio * length}")
             + ((BOUNDED,) if length > 1.0 else ()),
-            () if length <= 1.0 and ratio < 3.0 else None,
+            () if length < 1.0 else None,
         )
         for length, ratio in ((0.5, 2.5), (0.75, 2.5), (1.0, 1.5), (1.0, 2.5), (1.0, 3.5), (2.0, 2.5), (3.0, 2.5))
     ),
@@ -209,19 +218,19 @@ CASES = (
     *(
         Case(
             7,
-            f"{kind} ball, {'elements' if not sets else 'bonds' if len(sets) == 2 else 'elements in bonds' if 'cube' in sets[0] else 'bonds in elements'}",
+            f"{kind} ball, {what}",
             "contrast_ball",
             DIRECT + "; residual 1e-9",
             direct_solution(SINGLE),
-            (*sets, f"materials.ball.youngs_modulus={modulus_of_ball:g}"),
-            ("mesh.lower=[-3,-3,-3]", "mesh.upper=[3,3,3]", "regions.ball.radius=1.8") if not sets else None,
+            (*only("peridynamics", *bonded), f"materials.ball.youngs_modulus={modulus_of_ball:g}"),
+            None if bonded else ("mesh.lower=[-3,-3,-3]", "mesh.upper=[3,3,3]", "regions.ball.radius=1.8"),
         )
         for kind, modulus_of_ball in (("hard", 1e10), ("soft", 1e4))
-        for sets in (
-            (),
-            only("peridynamics", "cube", "ball"),
-            only("peridynamics", "cube"),
-            only("peridynamics", "ball"),
+        for what, bonded in (
+            ("elements", ()),
+            ("bonds", ("cube", "ball")),
+            ("elements in bonds", ("cube",)),
+            ("bonds in elements", ("ball",)),
         )
     ),
     # 8
@@ -461,7 +470,9 @@ CASES = (
         ("solver.max_evaluations=500",),
     ),
     *(
-        Case(16, f"no load, {solver}", "slender", "nothing moves", nothing_moves(), ("loads=[]", f"solver.kind={solver}"))
+        Case(
+            16, f"no load, {solver}", "slender", "nothing moves", nothing_moves(), ("loads=[]", f"solver.kind={solver}")
+        )
         for solver in ("cg", "adr")
     ),
     # 17
@@ -473,6 +484,7 @@ CASES = (
         DIRECT,
         direct_solution(SINGLE),
         (*only("peridynamics", "elements"), *only("finite_elements", "bonds"), "regions.bonds.radius=1.8"),
+        ("mesh.upper=[5,5,3]", "regions.bonds.centre=[2.5,2.5,1.5]"),
     ),
     Case(
         17,

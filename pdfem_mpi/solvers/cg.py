@@ -39,9 +39,9 @@ LINEAR_REDUCTION = 1e-9
 #: The first Newton step goes to this fraction of its first residual; later ones to where the last one's disagreement of
 #: true and recursive residual, which falls with the residual, says that the tangent stops being true; within limits.
 FIRST_FORCING, LEAST_FORCING, MOST_FORCING = 1e-2, 1e-6, 1e-1
-#: A residual this much above the best of its solve is round-off growing, once the solve has lowered it so far; before
-#: that, a body that hangs together by little raises it.
-DRIFT, LOWERED = 100.0, 1e-3
+#: A residual this much above the best of its solve is round-off growing, once the solve has lowered it so far or began
+#: this near to round-off; before that, a body that hangs together by little raises it.
+DRIFT, LOWERED, NEAR_ROUND_OFF = 100.0, 1e-3, 1e4
 #: The true residual must at least halve from one solve to the next, in a Newton step below `NEWTON_FLOOR` only.
 STAGNATION, NEWTON_FLOOR = 0.5, 1e-8
 #: Residuals are relative to at least this fraction of the largest load or reaction met on the way: a part that its
@@ -254,6 +254,7 @@ class _Sequence:
         self.met.clear()
         limit = forces.evaluations + max_evaluations
         self.first_norm = self.norm = best = norm
+        trusted = max(LOWERED * norm, NEAR_ROUND_OFF * round_off)
         gamma = curvature = length = 0.0
         while True:
             if forces.evaluations >= limit:
@@ -280,10 +281,10 @@ class _Sequence:
                     raise NotConverged(f"conjugate gradients find no equilibrium: {self._moving()}")
                 what = "preconditioner" if gamma <= 0.0 else "stiffness"
                 reason = f"the {what} is not positive definite along a search direction: the body is unstable."
-                if gamma > 0.0 and not forces.tangent:  # no load decides it: relaxation would fare no better
+                if gamma > 0.0 and not forces.tangent:  # whatever the load: relaxation would fare no better
                     raise NotConverged(
-                        f"{reason} Fitted bond factors of both signs may leave a body without stable equilibrium, thin or "
-                        'skewed ones above all: use peridynamics.signs = "bounded", or surface_correction = "virial".'
+                        f"{reason} Fitted bond factors of both signs may leave a body without stable equilibrium, thin "
+                        'or skewed ones above all: use peridynamics.signs = "bounded" or surface_correction = "virial".'
                     )
                 raise Breakdown(reason)
             alpha = gamma / curvature
@@ -294,7 +295,7 @@ class _Sequence:
             self.met.append(forces.met.copy())
             told(self.norm)
             best = min(best, self.norm)
-            if self.norm <= goal or (self.norm > DRIFT * best and best <= LOWERED * self.first_norm):
+            if self.norm <= goal or (self.norm > DRIFT * best and best <= trusted):
                 return
 
     def _sweep(self, r) -> list[float]:

@@ -27,8 +27,8 @@ def follow_ramp(
     """Yield a row every ``report_every`` iterations, and the last one. Collective.
 
     Bonds break in the sweep of each iteration. The work of loads and supports is summed by the trapezoidal rule; what
-    it exceeds the stored and the dissipated energy by is kinetic, or damped away. The ramp ends early where the reaction
-    has fallen, or at the row that finds next to all loads on parts of the body that nothing holds any more.
+    it exceeds the stored and the dissipated energy by is kinetic, or damped away. The ramp ends early where the
+    reaction has fallen, or at the row that finds next to all loads on parts of the body that nothing holds any more.
 
     ``state.program`` keeps the work so far, the generalised force of the supports and the largest reaction.
 

@@ -60,8 +60,8 @@ def _in_pieces(failure: Failure | None, factor: float, reason: str) -> NotConver
     if failure is None or not failure.count:
         return NotConverged(reason)
     return NotConverged(
-        f"at load factor {factor:.6g}, after {failure.count:,} broken bonds, no equilibrium was found: {reason} Use smaller "
-        'steps, or follow failure from break to break: stepping.kind = "events" with solver.kind = "cg".'
+        f"at load factor {factor:.6g}, after {failure.count:,} broken bonds, no equilibrium was found: {reason} Use "
+        'smaller steps, or follow failure from break to break: stepping.kind = "events" with solver.kind = "cg".'
     )
 
 

@@ -1,4 +1,4 @@
-"""Hard cases: each one is solved within the stated error, or refused by name. Short forms; tools/hard_cases runs all."""
+"""Hard cases in short form: each is solved within the stated error, or refused by name; tools/hard_cases runs all."""
 
 import functools
 import sys
@@ -14,9 +14,9 @@ from pdfem_mpi.scene import SceneError
 
 sys.path.insert(0, str(ROOT / "tools"))
 
-from hard_checks import run_check  # noqa: E402
-from hard_suite import BAD_DECK, FAMILIES, Outcome, deck_text, read_outcome, read_scene  # noqa: E402
-from hard_table import CASES  # noqa: E402
+from hard_checks import run_check
+from hard_suite import BAD_DECK, FAMILIES, Outcome, deck_text, read_outcome, read_scene
+from hard_table import CASES
 
 SHORT = [case for case in CASES if case.short is not None]
 NAMED = {case.name: case for case in CASES}
