@@ -250,6 +250,16 @@ def modulus(tolerance: float) -> Judge:
     return compared(measure, tolerance)
 
 
+def probe(name: str, value: float, tolerance: float) -> Judge:
+    """A probe's result; the error is relative to the expected value."""
+
+    def measure(scene, outcome, others):
+        found = outcome.summary["probes"][name]
+        return f"{name.replace('_', ' ')} {found:.6g}", abs(found / value - 1.0)
+
+    return compared(measure, tolerance)
+
+
 def same_as_other(tolerance: float, length: float = 1.0, force: float = 1.0) -> Judge:
     """The probes, and the last row's load factor, reaction and broken bonds, of the case `against`, in other units."""
 
