@@ -285,7 +285,7 @@ class _Events:
         program["released"] += fraction * first - 0.5 * fraction * fraction * (first - last)
 
     def _bearable(self, fraction: float) -> float:
-        """Finite kinematics: the fraction of a large step, at most ``fraction``, that its tangent can speak of. Collective.
+        """Finite kinematics: the fraction of a large step, at most ``fraction``, that bonds can bear. Collective.
 
         What hangs on by little turns far, and a straight step far along a rotation stretches all its bonds.
         """
