@@ -24,6 +24,8 @@ CORNERS = np.array([(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1,
 GAUSS = np.array([(r, s, t) for t in (-1, 1) for s in (-1, 1) for r in (-1, 1)]) / math.sqrt(3.0)
 #: As the program's: round-off of the cutoff radius decides no bond.
 GUARD = 1e-6
+#: Entries in a row from which on a matrix is solved as a dense one.
+DENSE = 100
 
 
 @dataclass(frozen=True)
@@ -225,15 +227,22 @@ def solve(scene: Scene) -> tuple[np.ndarray | None, np.ndarray | None]:
     known = force[free] - (matrix @ u)[free]
     inner = matrix[free][:, free]
     if fixed.any():
-        u[free] = spsolve(inner.tocsc(), known)
+        u[free] = _solve(inner, known)
     else:
         nodes = body.discretization.mesh.nodes[body.discretization.node_number >= 0]
         places = np.concatenate([body.x[~body.discretization.is_overlap[body.cell]], nodes])
         modes = sparse.csr_matrix(rigid_motions(places - places.mean(axis=0)))
-        u[free] = spsolve(sparse.bmat([[inner, modes.T], [modes, None]]).tocsc(), np.append(known, np.zeros(6)))[:-6]
+        u[free] = _solve(sparse.bmat([[inner, modes.T], [modes, None]]), np.append(known, np.zeros(6)))[:-6]
     u = u.reshape(-1, 3)
     points = body.interpolation @ u if len(body.x) else None
     return points, u[body.n_free :] if body.discretization.n_nodes else None
+
+
+def _solve(matrix: sparse.spmatrix, known: np.ndarray) -> np.ndarray:
+    """By elimination; matrices of bonds fill up, and dense elimination is then the faster one."""
+    if matrix.nnz > DENSE * len(known):
+        return np.linalg.solve(matrix.toarray(), known)
+    return spsolve(matrix.tocsc(), known)
 
 
 def without_rigid_motion(x: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -261,7 +261,7 @@ def probe(name: str, value: float, tolerance: float) -> Judge:
 
 
 def same_as_other(tolerance: float, length: float = 1.0, force: float = 1.0) -> Judge:
-    """The probes, and the last row's load factor, reaction and broken bonds, of the case `against`, in other units."""
+    """Probes and last row (load, displacement, reaction, broken bonds) of the case `against`, in other units."""
 
     def measure(scene, outcome, others):
         other = others["against"]
@@ -270,7 +270,8 @@ def same_as_other(tolerance: float, length: float = 1.0, force: float = 1.0) -> 
         )
         errors = [_largest(here - length * there, length * there)] if here.size else []
         last, then = outcome.history[-1], other.history[-1]
-        for name, unit in (("load_factor", 1.0), ("reaction", force), ("broken_bonds", 1.0)):
+        units = {"load_factor": 1.0, "displacement": length, "reaction": force, "broken_bonds": 1.0}
+        for name, unit in units.items():
             if then.get(name):
                 errors.append(abs(last[name] / (unit * then[name]) - 1.0))
         errors.append(float(len(outcome.history) != len(other.history)))

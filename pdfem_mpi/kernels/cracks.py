@@ -5,8 +5,9 @@ from numba import njit, types
 
 from pdfem_mpi.kernels.simd import W
 
-#: Reach of a polygon's edges, dimension length (in model units): far above round-off of places, far below any bond.
-ROUND_OFF = 1e-9
+#: Reach of a polygon's edges, dimension length (in model units): above round-off of places, also of a body that lies a
+#: million times its size from the origin, and far below any bond.
+ROUND_OFF = 1e-6
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
