@@ -52,13 +52,17 @@ CASES = (
         (
             "peridynamics.surface_correction=none",
             "coupling.kind=paper",
+            "mesh.upper=[6,4,4]",
+            "regions.elements.upper=[3,2,2]",
+            "regions.bonds.lower=[3,0,0]",
+            "regions.bonds_beside.lower=[0,2,0]",
+            "regions.bonds_beside.upper=[3,4,4]",
+            "regions.bonds_above.lower=[0,0,2]",
+            "regions.bonds_above.upper=[3,2,4]",
             "loads=[]",
             'supports=[{face="x-",x=-0.006},{face="x+",x=0.006},{face="y-",y=0.0},{face="z-",z=0.0}]',
+            "probes=[]",
         ),
-        ("mesh.upper=[6,4,4]", "regions.elements.upper=[3,2,2]", "regions.bonds.lower=[3,0,0]",
-         "regions.bonds_beside.lower=[0,2,0]", "regions.bonds_beside.upper=[3,4,4]",
-         "regions.bonds_above.lower=[0,0,2]", "regions.bonds_above.upper=[3,2,4]",
-         "probes=[]"),
     ),
     # 2
     Case(
