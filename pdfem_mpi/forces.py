@@ -28,6 +28,8 @@ CHUNK = 16384
 HEADROOM = 2.0
 #: A bound this much above what is met is lowered: it costs digits.
 SLACK = 2.0**8
+#: An evaluation with a bound this much above the fitting one lacks digits.
+COARSE = 2.0**16
 #: Numbers from here on count as infinite: their products would be.
 LARGEST = 2.0**400
 
@@ -278,10 +280,13 @@ class Forces:
         failure: Failure | None = None,
         margin: float = 0.0,
     ) -> None:
-        """`evaluate`, again until the bounds hold. Collective; for use outside the solvers' loops."""
-        self.evaluate(u, external, force, failure, margin)
-        while not self.check_bounds(sum_integers(self.model.comm, np.array(self.flags()))):
+        """`evaluate`, again until the bounds hold and fit. Collective; for use outside the solvers' loops."""
+        bounds, enough = self.bounds, False
+        while not enough:
+            before = bounds.bond, bounds.element
             self.evaluate(u, external, force, failure, margin)
+            counts = self.check_bounds(sum_integers(self.model.comm, np.array(self.flags())))
+            enough = counts and before[0] <= COARSE * bounds.bond and before[1] <= COARSE * bounds.element
 
     def stored_energy(self, u: np.ndarray) -> float:
         """Strain energy of all bonds and elements at ``u``, dimension force length, an exact sum. Collective.

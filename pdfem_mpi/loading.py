@@ -61,6 +61,9 @@ class LoadCase:
         Largest prescribed displacement.
     load : float, dimension force
         Resultant of the external forces that push one way (those along the axes, or those against them).
+    taken : float64, shape (3,), dimension force
+        Sums of the forces along x, y and z that loads put on held places, where supports take them at once; NaN where
+        there are none.
     """
 
     external: np.ndarray
@@ -75,6 +78,7 @@ class LoadCase:
     moves: tuple[bool, ...]
     reach: float
     load: float
+    taken: np.ndarray
 
 
 def make_load_case(scene: Scene, discretization: Discretization, model: Model) -> LoadCase:
@@ -122,6 +126,7 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
         for k in range(len(scene.supports))
     )
     del amounts, holders
+    taken = _on_held(model, external, fixed)
     external[fixed] = 0.0
     free, parts = free_motions(model, fixed), find_parts(model)
     loose = find_loose(model, parts, fixed) if parts.count > 1 else ()
@@ -140,6 +145,7 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
         reach=max((abs(a) for s in scene.supports for a in (s.x, s.y, s.z) if a), default=0.0)
         / discretization.units.length,
         load=_one_way(model, external),
+        taken=taken,
     )
     _check_balance(model, case)
     if messages := unbalanced(model, parts, loose, external):
@@ -166,6 +172,15 @@ def component(model: Model) -> np.ndarray:
     """0, 1 or 2 for unknowns along x, y or z; int64, shape (n_unknowns,)."""
     n = model.n_point_unknowns
     return np.concatenate([np.arange(n) // W % 3, np.arange(model.n_unknowns - n) % 3])
+
+
+def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """Sums along x, y and z of forces on held unknowns, NaN where no load is; float64, shape (3,). Collective."""
+    along, force = component(model)[fixed], external[fixed]
+    parts = [np.where(along == d, force, 0.0) for d in range(3)]
+    ones = np.ones_like(force)
+    sums = exact_dots(model.comm, [(values, ones) for part in parts for values in (part, np.abs(part))]).reshape(3, 2)
+    return np.where(sums[:, 1] > 0.0, sums[:, 0], np.nan)
 
 
 def _one_way(model: Model, external: np.ndarray) -> float:

@@ -22,6 +22,7 @@ from pdfem_mpi.body_fit import EXPECTED_SWEEPS, SWEEP_RATE, BodyFit
 from pdfem_mpi.bonds import count_by_material, total_bonds
 from pdfem_mpi.components import describe_loose
 from pdfem_mpi.discretization import Discretization, ModelUnits, discretize, make_mesh
+from pdfem_mpi.element_rotations import TOLD, describe_rotation, largest_rotation
 from pdfem_mpi.failure import Failure, describe_criterion, make_failure
 from pdfem_mpi.fields import Fields, digest_fields, fields_sha256, gather_damage, gather_fields, point_positions
 from pdfem_mpi.fingerprint import identity
@@ -314,6 +315,8 @@ class _Run:
         tell = self.reporter.line
         for text in describe_loose(case.parts, case.loose):
             tell(text)
+        if not np.isnan(case.taken).all():
+            tell(_describe_taken(case.taken * discretization.units.force, scene.units.force))
         self.parts = {"count": case.parts.count, "not_held": len(case.loose)}
         keeper = Keeper(scene, discretization, forces, failure, self.out, self._flush, tell, start, self.started)
         if start.path:
@@ -391,6 +394,7 @@ class _Run:
         evaluations = forces.evaluations
         if fields is not None:
             self._probe(discretization, fields, state.load_factor)
+            self._look_at_elements(discretization, fields)
         with _phase(self.seconds, "output"):
             if code != EXIT_STOPPED:  # who stops a run is in a hurry
                 on_root(comm, self._write_lines)
@@ -510,6 +514,13 @@ class _Run:
                 self.probes |= bar_results(self.scene, discretization, self.bar, probe, factor)
             elif isinstance(probe, LineProbe):
                 self.lines[probe.name] = measure_line(discretization, fields, probe)
+
+    def _look_at_elements(self, discretization: Discretization, fields: Fields) -> None:
+        """Warn of linear elements that turned beside bonds that may."""
+        if self.scene.is_coupled and self.scene.peridynamics.kinematics == "finite":
+            angle = largest_rotation(discretization, fields.u_nodes)
+            if angle > TOLD:
+                self.reporter.line(describe_rotation(angle))
 
     def _write_lines(self) -> None:
         if self.lines:
@@ -705,6 +716,13 @@ def _fit_report(outcome: BodyFit | None) -> dict[str, Any] | None:
         return None
     report = {"fingerprint": outcome.fingerprint, "reused": outcome.reused, "notes": list(outcome.notes)}
     return report | (asdict(outcome.fit) if outcome.fit else {})
+
+
+def _describe_taken(force: np.ndarray, unit: str) -> str:
+    """A sentence about loads on held places; force (3,), NaN along axes where there are none."""
+    parts = [f"{value:.6g}{' ' + unit if unit else ''} along {axis}" for value, axis in zip(force, "xyz", strict=True)
+             if not np.isnan(value)]  # fmt: skip
+    return f"loads of {', '.join(parts)} act on held places: their supports take them, and reactions do not count them"
 
 
 def _headline(scene, comm, counts, seconds) -> str:

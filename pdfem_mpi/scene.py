@@ -549,7 +549,7 @@ class Crack(Table):
     Attributes
     ----------
     polygon : three or more points, dimension length
-        Corners in order, in one plane; the polygon may stick out of the body.
+        Corners in order, in one plane; the polygon may stick out of the body. Bonds through its edges are cut too.
     """
 
     polygon: tuple[Vector, ...] = key(

@@ -5,14 +5,19 @@ from numba import njit, types
 
 from pdfem_mpi.kernels.simd import W
 
+#: Reach of a polygon's edges, dimension length (in model units): above round-off of places, also of a body that lies a
+#: million times its size from the origin, and far below any bond.
+ROUND_OFF = 1e-6
+
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
 
 @njit(**_options)
 def cut_rows(row_start, row_offset, row_data, x, corners, normal, across, up, finite):
-    """Cut every bond whose straight line passes through a polygon.
+    """Cut every bond whose straight line passes through a polygon, its edges included.
 
-    A bond that ends on the plane is cut too. The crossing point is the same bits from either end of the bond.
+    A bond that ends on the plane is cut too. The crossing point is the same bits from either end of the bond; edges
+    reach `ROUND_OFF` far, so that rounding does not tell mirror images on an edge apart.
 
     Parameters
     ----------
@@ -56,15 +61,21 @@ def cut_rows(row_start, row_offset, row_data, x, corners, normal, across, up, fi
                 a, b = abs(height_i), abs(height_j)
                 p = (b * x[own + W * across] + a * x[c + W * across + k]) / (a + b)
                 q = (b * x[own + W * up] + a * x[c + W * up + k]) / (a + b)
-                inside = False
+                inside, on_edge = False, False
                 before = n - 1
                 for s in range(n):
                     if (corners[s, up] > q) != (corners[before, up] > q):
                         slope = (corners[before, across] - corners[s, across]) / (corners[before, up] - corners[s, up])
                         if p < corners[s, across] + slope * (q - corners[s, up]):
                             inside = not inside
+                    along, rise = corners[s, across] - corners[before, across], corners[s, up] - corners[before, up]
+                    ahead, above = p - corners[before, across], q - corners[before, up]
+                    square = along * along + rise * rise
+                    share = min(max((along * ahead + rise * above) / square, 0.0), 1.0) if square > 0.0 else 0.0
+                    if (ahead - share * along) ** 2 + (above - share * rise) ** 2 <= ROUND_OFF * ROUND_OFF:
+                        on_edge = True
                     before = s
-                if inside:
+                if inside or on_edge:
                     for t in range(0, stride, W):
                         row_data[row * stride + t + k] = 0.0
                     count += 1

@@ -39,8 +39,9 @@ LINEAR_REDUCTION = 1e-9
 #: The first Newton step goes to this fraction of its first residual; later ones to where the last one's disagreement of
 #: true and recursive residual, which falls with the residual, says that the tangent stops being true; within limits.
 FIRST_FORCING, LEAST_FORCING, MOST_FORCING = 1e-2, 1e-6, 1e-1
-#: A residual this much above the best of its solve is round-off growing.
-DRIFT = 100.0
+#: A residual this much above the best of its solve is round-off growing, once the solve has lowered it so far or began
+#: this near to round-off; before that, a body that hangs together by little raises it.
+DRIFT, LOWERED, NEAR_ROUND_OFF = 100.0, 1e-3, 1e4
 #: The true residual must at least halve from one solve to the next, in a Newton step below `NEWTON_FLOOR` only.
 STAGNATION, NEWTON_FLOOR = 0.5, 1e-8
 #: Residuals are relative to at least this fraction of the largest load or reaction met on the way: a part that its
@@ -137,7 +138,7 @@ def solve(
             tangent.evaluations = 0
         u += sequence.x
         if not finite:
-            forces.bounds.expect(largest(comm, sequence.met), at_rest)
+            forces.bounds.expect(sequence.reach(), at_rest)
         at_rest = False
 
 
@@ -200,20 +201,35 @@ class _Sequence:
         Displacement of the last `run`.
     first_norm, norm : float
         Of the recursive residual at the start and at the end of the last `run`.
-    met, reach : float64, shape (2,)
-        Bounds of what this rank's evaluations of ``x`` and of the last direction can meet, as `Forces.met`.
+    met : list of float64, shape (2,)
+        What this rank's evaluations of the last `run` met, as `Forces.met`.
     """
 
     def __init__(self, forces: Forces, fixed: np.ndarray, preconditioner: Preconditioner, x: np.ndarray):
         self.forces, self.fixed, self.preconditioner, self.x = forces, fixed, preconditioner, x
         self.p, self.s, self.z, self.w, self.nothing = (np.zeros(forces.model.n_unknowns) for _ in range(5))
         self.coefficients = Coefficients()
-        self.met, self.reach, self.first_norm, self.norm = np.zeros(2), np.zeros(2), 0.0, 0.0
+        self.met: list[np.ndarray] = []
+        self.first_norm, self.norm = 0.0, 0.0
 
     def relative_energy_error(self, energy: float) -> float | None:
         """Estimated energy norm of the error over that of the displacements, None without steps to judge by."""
         square = self.coefficients.square_error()
         return math.sqrt(square / energy) if square is not None and energy > 0.0 else None
+
+    def reach(self) -> np.ndarray:
+        """Bounds of what the evaluation of ``x`` can meet, as `Forces.met`; shape (2,). Collective.
+
+        The largest of each evaluation is taken over all ranks before directions are summed up: sums of each rank's own
+        would depend on how the body is shared out.
+        """
+        met = largest(self.forces.model.comm, np.array(self.met).reshape(-1, 2))
+        steps = slice(len(self.coefficients.alpha) - len(met), None)
+        total, direction = np.zeros(2), np.zeros(2)
+        for row, alpha, beta in zip(met, self.coefficients.alpha[steps], self.coefficients.beta[steps], strict=True):
+            direction = row + beta * direction
+            total += alpha * direction
+        return total
 
     def obstacle(self) -> str:
         """A sentence about the motion that meets hardly any resistance; empty where there is none. Collective."""
@@ -235,10 +251,11 @@ class _Sequence:
         """
         forces = self.forces
         self.x[:] = 0.0
-        self.met[:] = self.reach[:] = 0.0
+        self.met.clear()
         limit = forces.evaluations + max_evaluations
         self.first_norm = self.norm = best = norm
-        gamma = curvature = 0.0
+        trusted = max(LOWERED * norm, NEAR_ROUND_OFF * round_off)
+        gamma = curvature = length = 0.0
         while True:
             if forces.evaluations >= limit:
                 if stop:
@@ -255,24 +272,30 @@ class _Sequence:
                 raise NotFinite(forces.describe_not_finite(self.z, self.w))
             beta = gamma / gamma_old if gamma_old else 0.0
             curvature = delta - beta * beta * curvature
+            length = gamma + beta * beta * length  # p . P^-1 p
             if gamma <= 0.0 or curvature <= 0.0:
                 if self.norm <= round_off:
                     return
-                if gamma > 0.0 and curvature >= -NO_STIFFNESS * gamma and not forces.tangent:
+                if gamma > 0.0 and curvature >= -NO_STIFFNESS * length and not forces.tangent:
                     np.add(self.z, beta * self.p, out=self.x)
                     raise NotConverged(f"conjugate gradients find no equilibrium: {self._moving()}")
                 what = "preconditioner" if gamma <= 0.0 else "stiffness"
-                raise Breakdown(f"the {what} is not positive definite along a search direction: the body is unstable.")
+                reason = f"the {what} is not positive definite along a search direction: the body is unstable."
+                if gamma > 0.0 and not forces.tangent:  # whatever the load: relaxation would fare no better
+                    raise NotConverged(
+                        f"{reason} Fitted bond factors of both signs may leave a body without stable equilibrium, thin "
+                        'or skewed ones above all: use peridynamics.signs = "bounded" or surface_correction = "virial".'
+                    )
+                raise Breakdown(reason)
             alpha = gamma / curvature
             self.coefficients.add(alpha, beta, gamma)
             digits = np.zeros(SIZE, np.int64)
             take_step(self.z, self.w, alpha, beta, self.p, self.s, self.x, r, digits)
             self.norm = math.sqrt(value(sum_integers(forces.model.comm, digits)))
-            self.reach = forces.met + beta * self.reach
-            self.met += alpha * self.reach
+            self.met.append(forces.met.copy())
             told(self.norm)
             best = min(best, self.norm)
-            if self.norm <= goal or self.norm > DRIFT * best:
+            if self.norm <= goal or (self.norm > DRIFT * best and best <= trusted):
                 return
 
     def _sweep(self, r) -> list[float]:

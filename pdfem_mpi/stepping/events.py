@@ -38,6 +38,9 @@ SAFETY = 0.9
 #: Under a held force, pieces that came off move away for ever: a step this many times the displacements of the last
 #: stable state tells.
 SEPARATED = 10.0
+#: Finite kinematics: a step larger than the displacements when last stable is halved, at most so often, until it
+#: stretches no bond more than this many times its critical stretch.
+MOST_STRETCH, MOST_HALVINGS = 2.0, 60
 #: What moves that far so many times in a row, and breaks nothing, does so without end.
 MOST_ADRIFT = 3
 #: Sweeps of a relaxation that goes to the end, before breaks are looked for again; its residual must at least halve.
@@ -271,11 +274,33 @@ class _Events:
             else:  # it still hangs on something, which that distance may break
                 program["adrift"] += 1.0
                 fraction = reach / size
-                np.multiply(self.step, fraction, out=self.step)
+        if self.finite:
+            fraction = self._bearable(fraction)
+        if fraction < 1.0:
+            np.multiply(self.step, fraction, out=self.step)
+        if case.load:
             (work,) = exact_dots(self.model.comm, [(self._external(), self.step)])
             program["work"] += float(work)
         np.add(state.u, self.step, out=state.u)
         program["released"] += fraction * first - 0.5 * fraction * fraction * (first - last)
+
+    def _bearable(self, fraction: float) -> float:
+        """Finite kinematics: the fraction of a large step, at most ``fraction``, that bonds can bear. Collective.
+
+        What hangs on by little turns far, and a straight step far along a rotation stretches all its bonds.
+        """
+        state, failure = self.state, self.failure
+        if self._size(self.step) * fraction <= state.program["size"]:
+            return fraction
+        limit = max(MOST_STRETCH, failure.largest_ratio(self.model, self.forces.S))
+        force, external = np.empty_like(state.u), self._external()
+        for _ in range(MOST_HALVINGS):
+            self.forces.evaluate_surely(state.u + fraction * self.step, external, force)
+            if failure.largest_ratio(self.model, self.forces.S) <= limit:
+                break
+            fraction *= 0.5
+        self._count()
+        return fraction
 
     def _let_go(self) -> bool:
         """Something runs away under a held force: loose parts lose their loads; whether there are any."""

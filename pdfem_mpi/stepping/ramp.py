@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from pdfem_mpi.failure import Failure
-from pdfem_mpi.loading import LoadCase, exact_dots
+from pdfem_mpi.loading import LoadCase, exact_dots, without_loads_on_loose_parts
 from pdfem_mpi.scene import Ramp
 from pdfem_mpi.solvers.adr import Relaxation
 from pdfem_mpi.solvers.convergence import Convergence, Progress
@@ -27,7 +27,8 @@ def follow_ramp(
     """Yield a row every ``report_every`` iterations, and the last one. Collective.
 
     Bonds break in the sweep of each iteration. The work of loads and supports is summed by the trapezoidal rule; what
-    it exceeds the stored and the dissipated energy by is kinetic, or damped away.
+    it exceeds the stored and the dissipated energy by is kinetic, or damped away. The ramp ends early where the
+    reaction has fallen, or at the row that finds next to all loads on parts of the body that nothing holds any more.
 
     ``state.program`` keeps the work so far, the generalised force of the supports and the largest reaction.
 
@@ -71,6 +72,11 @@ def follow_ramp(
             row = reporter.report(state, event, Convergence(settings.report_every, sums.relative), program["work"])
             program["peak"] = max(program["peak"], row.reaction)
             ended = failure.count and row.reaction < settings.end_reaction * program["peak"]
+            if row.new_broken and case.load:
+                rest, torn = without_loads_on_loose_parts(forces.model, case)
+                if torn and rest.load < settings.end_reaction * case.load:
+                    solve.note(f"the body came apart under its loads, and the ramp ends: {torn[0].text} is loose")
+                    ended = True
             yield row
             if ended:
                 return

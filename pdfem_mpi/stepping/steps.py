@@ -8,9 +8,11 @@ from functools import partial
 
 import numpy as np
 
+from pdfem_mpi.components import without_equilibrium
 from pdfem_mpi.failure import Failure
 from pdfem_mpi.loading import LoadCase, remove_rigid_motion
 from pdfem_mpi.scene import Steps
+from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.state import State
 from pdfem_mpi.stepping.report import Report, Reporter
 from pdfem_mpi.stepping.solver import EquilibriumSolver
@@ -37,15 +39,30 @@ def follow_steps(
         external = factor * case.external
         state.u[case.fixed] = factor * case.prescribed[case.fixed]
         while True:
-            convergence = solve(state, external, partial(watch, step))
+            try:
+                convergence = solve(state, external, partial(watch, step))
+            except NotConverged as error:
+                raise _in_pieces(failure, factor, str(error)) from error
             program["evaluations"] = program.get("evaluations", 0) + convergence.evaluations
             if failure is None or not break_bonds(solve, failure, state, external):
                 break
+            if case.load and (torn := without_equilibrium(forces.model, case.fixed, external)[1]):
+                raise _in_pieces(failure, factor, f"loads carry away what came loose, {torn[0].text}.")
             pauses.between(state)
         remove_rigid_motion(forces.model, case, state.u)
         state.step, state.load_factor = step, factor
         evaluations, program["evaluations"] = program["evaluations"], 0
         yield reporter.report(state, "step", replace(convergence, evaluations=evaluations))
+
+
+def _in_pieces(failure: Failure | None, factor: float, reason: str) -> NotConverged:
+    """The end of a step, with what was broken before it."""
+    if failure is None or not failure.count:
+        return NotConverged(reason)
+    return NotConverged(
+        f"at load factor {factor:.6g}, after {failure.count:,} broken bonds, no equilibrium was found: {reason} Use "
+        'smaller steps, or follow failure from break to break: stepping.kind = "events" with solver.kind = "cg".'
+    )
 
 
 def break_bonds(

