@@ -28,7 +28,7 @@ from pdfem_mpi.scene import SceneError
 from pdfem_mpi.subdomain import Subdomain
 
 #: Counts up whenever the algorithm gives other numbers: fits of before are not used again.
-VERSION = 1
+VERSION = 2
 #: Sweeps over the bonds that a fit takes on bodies of cubes, and bonds a second and core of one.
 EXPECTED_SWEEPS, SWEEP_RATE = {"free": 200, "bounded": 400}, 1e8
 #: A residual above this is told.
