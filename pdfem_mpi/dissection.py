@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import sparse
 from scipy.linalg import cholesky, solve_triangular
 
 from pdfem_mpi.kernels.fronts import solve_fronts
@@ -96,56 +95,88 @@ def dissect(counts: np.ndarray, number: np.ndarray) -> list[Front]:
     return fronts
 
 
-def factorise(matrix: sparse.csr_array, fronts: list[Front], size: int) -> Factor:
-    """Factors of a symmetric positive matrix with ``size`` unknowns a node.
+@dataclass(frozen=True)
+class BlockMatrix:
+    """A symmetric matrix of blocks: that of nodes i and j is ``sum_k values[., k] tables[k]``.
+
+    Attributes
+    ----------
+    start : int64, shape (n_nodes + 1,)
+        First of each node's entries.
+    column : int64, shape (n_entries,)
+    values : float64, shape (n_entries, n_tables)
+    tables : float64, shape (n_tables, size, size)
+    raised : float64, shape (n_nodes * size,)
+        Added to the diagonal.
+    """
+
+    start: np.ndarray
+    column: np.ndarray
+    values: np.ndarray
+    tables: np.ndarray
+    raised: np.ndarray
+
+    def columns_of(self, nodes: np.ndarray, local: np.ndarray, n_rows: int) -> np.ndarray:
+        """Columns of some nodes' unknowns, shape (n_rows, n_nodes * size), in rows by a local numbering of nodes.
+
+        Blocks whose local number is negative are left out.
+        """
+        size = self.tables.shape[1]
+        count = self.start[nodes + 1] - self.start[nodes]
+        which = np.repeat(np.arange(len(nodes)), count)
+        entry = np.arange(len(which)) + np.repeat(self.start[nodes] - np.cumsum(count) + count, count)
+        row = local[self.column[entry]]
+        entry, which, row = entry[row >= 0], which[row >= 0], row[row >= 0]
+        dense = np.zeros((n_rows // size, size, len(nodes), size))
+        blocks = np.tensordot(self.values[entry], self.tables, axes=1)
+        dense[row, :, which, :] = blocks.swapaxes(1, 2)  # (i, j) is given, (j, i) its transpose is wanted
+        dense = dense.reshape(n_rows, -1)
+        own = np.arange(len(nodes) * size)
+        unknowns = (size * nodes[:, None] + np.arange(size)).reshape(-1)
+        dense[own, own] += self.raised[unknowns]
+        return dense
+
+
+def factorise(matrix: BlockMatrix, fronts: list[Front]) -> Factor:
+    """Factors of a positive matrix over the nodes that were dissected.
 
     Raises
     ------
     numpy.linalg.LinAlgError
         The matrix is not positive.
     """
-    components, waiting = np.arange(size), {}
-    local = np.full(matrix.shape[0], -1)
-    panels, rows_of, n_own = [], [], []
+    size = matrix.tables.shape[1]
+    own_size = np.array([size * len(front.nodes) for front in fronts], np.int64)
+    whole_size = own_size + np.array([size * len(front.around) for front in fronts], np.int64)
+    start = np.concatenate([[0], np.cumsum(whole_size)])
+    place = np.concatenate([[0], np.cumsum(own_size * whole_size - own_size * (own_size - 1) // 2)])
+    rows, entries = np.empty(start[-1], np.int64), np.empty(place[-1], np.float32)
+    local, waiting = np.full(len(matrix.start) - 1, -1), {}
     for index, front in enumerate(fronts):
-        own, around = (
-            (size * nodes[:, None] + components).reshape(-1) for nodes in (front.nodes, front.around)
-        )
-        rows = np.concatenate([own, around])
-        local[rows] = np.arange(len(rows))
-        dense = np.zeros((len(rows), len(rows)))
-        columns = matrix[own].tocoo()  # symmetric: rows are columns
-        known = local[columns.col] >= 0  # what was eliminated before is in the children
-        dense[local[columns.col[known]], columns.row[known]] = columns.data[known]
+        nodes = np.concatenate([front.nodes, front.around])
+        m, n = own_size[index], whole_size[index]
+        local[nodes] = np.arange(len(nodes))
+        dense = np.zeros((n, n))
+        dense[:, :m] = matrix.columns_of(front.nodes, local, n)  # what was eliminated before is in the children
         for child in front.children:
-            unknowns, left = waiting.pop(child)
-            where = local[unknowns]
+            around, left = waiting.pop(child)
+            where = (size * local[around][:, None] + np.arange(size)).reshape(-1)
             dense[np.ix_(where, where)] += left
-        local[rows] = -1
-        m = len(own)
+        local[nodes] = -1
+        left = dense[m:, m:]
         if m:
-            upper_left = cholesky(dense[:m, :m], lower=True, overwrite_a=True, check_finite=False)
-            below = solve_triangular(upper_left, dense[m:, :m].T, lower=True, check_finite=False).T
-            waiting[index] = around, dense[m:, m:] - below @ below.T
-            np.fill_diagonal(upper_left, 1.0 / np.diagonal(upper_left))
-            whole = np.concatenate([upper_left, below]).T  # columns one after another
-            panels.append(whole[np.arange(len(rows)) >= np.arange(m)[:, None]].astype(np.float32))
-        else:
-            waiting[index] = around, dense
-            panels.append(np.empty(0, np.float32))
-        rows_of.append(rows)
-        n_own.append(m)
-
-    def starts(parts):
-        return np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64)
-
-    return Factor(
-        start=starts(rows_of),
-        n_own=np.array(n_own, np.int64),
-        rows=np.concatenate(rows_of).astype(np.int64),
-        place=starts(panels),
-        entries=np.concatenate(panels),
-    )
+            corner = cholesky(dense[:m, :m], lower=True, check_finite=False)
+            below = solve_triangular(corner, dense[m:, :m].T, lower=True, check_finite=False).T
+            left = left - below @ below.T
+            np.fill_diagonal(corner, 1.0 / np.diagonal(corner))
+            at = place[index]
+            for c in range(m):
+                entries[at : at + m - c] = corner[c:, c]
+                entries[at + m - c : at + n - c] = below[:, c]
+                at += n - c
+        waiting[index] = front.around, left
+        rows[start[index] : start[index + 1]] = (size * nodes[:, None] + np.arange(size)).reshape(-1)
+    return Factor(start, own_size, rows, place, entries)
 
 
 def count_entries(counts: np.ndarray, size: int) -> float:

@@ -15,11 +15,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
 from pdfem_mpi.background_grid import add_moments, cell_nodes, moment_table
 from pdfem_mpi.bonds import RESPONSE_CONSTANT, Points
-from pdfem_mpi.dissection import Factor, count_entries, dissect, factorise
+from pdfem_mpi.dissection import BlockMatrix, Factor, count_entries, dissect, factorise
 from pdfem_mpi.kernels.bond_factors import (
     MONOMIALS,
     MULTIPLICITY,
@@ -144,23 +143,30 @@ def make_factor_grid(
     number = np.full(int(np.prod(2 * counts + 1)), -1)
     used = np.unique(cells)
     number[used] = np.arange(len(used))
-    rows = np.repeat(number[cells], 27, axis=1).reshape(-1)
-    columns = np.tile(number[cells], (1, 27)).reshape(-1)
+    n_nodes = len(used)
+    keys = (n_nodes * number[cells][:, :, None] + number[cells][:, None, :]).reshape(-1)
+    keys, entry = np.unique(keys, return_inverse=True)
 
     def assembled(derivatives, weights):
         products = weights[active] @ moment_table(derivatives, 2).reshape(125, 27**2)
-        return sparse.coo_array((products.reshape(-1), (rows, columns)), shape=(len(used),) * 2).tocsr()
+        return np.bincount(entry, products.reshape(-1), len(keys))
 
-    M = modulus * tensor(cutoff)
-    matrix = sum(
-        sparse.kron(inverse_h[d] * inverse_h[e] * assembled((d, e), moments[:, 0]), M[d, e], "csr")
-        for d in range(3)
-        for e in range(3)
-    )
+    axes = [(d, e) for d in range(3) for e in range(3)]
+    values = [inverse_h[d] * inverse_h[e] * assembled((d, e), moments[:, 0]) for d, e in axes]
+    tables = modulus * tensor(cutoff).reshape(9, N, N)
     if omega:
-        matrix = matrix + sparse.kron(omega * assembled((None, None), moments[:, 1]), np.eye(N), "csr")
-    diagonal = matrix.diagonal()
-    matrix = 0.5 * (matrix + matrix.T) + sparse.diags_array(PIN * np.maximum(diagonal, diagonal.mean()))
+        values.append(omega * assembled((None, None), moments[:, 1]))
+        tables = np.concatenate([tables, np.eye(N)[None]])
+    values = np.stack(values, axis=1)
+    of_diagonal = np.flatnonzero(keys // n_nodes == keys % n_nodes)
+    diagonal = (values[of_diagonal] @ tables.diagonal(axis1=1, axis2=2)).reshape(-1)
+    matrix = BlockMatrix(
+        start=np.searchsorted(keys, n_nodes * np.arange(n_nodes + 1)),
+        column=keys % n_nodes,
+        values=values,
+        tables=tables,
+        raised=PIN * np.maximum(diagonal, diagonal.mean()),
+    )
     index = np.stack(np.unravel_index(used, 2 * counts + 1), axis=1)
     return FactorGrid(
         n_points=n,
@@ -169,7 +175,7 @@ def make_factor_grid(
         inverse_h=inverse_h,
         counts=counts,
         number=number,
-        factor=factorise(sparse.csr_array(matrix), dissect(counts, number), N),
+        factor=factorise(matrix, dissect(counts, number)),
         free=free_motions(index * (0.5 / inverse_h)),
     )
 
