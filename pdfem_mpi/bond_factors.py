@@ -53,11 +53,11 @@ MOST_SWEEPS, MOST_TURNS = 1500, 60
 #: A step towards positive factors is halved so often at most.
 MOST_HALVINGS = 8
 #: Slack of the points that may miss their targets, relative to the mean diagonal of the operator.
-SLACK = 1e-4
+SLACK = 2e-5
 #: Rounding is undone by the bonds longer than these fractions of the cutoff radius, in turn.
 LONG_BONDS = (0.64, 0.8, 0.92)
 #: Reduction asked of each of these turns, most iterations, and the least reduction that is used.
-REFINEMENT, MOST_REFINEMENTS, LEAST_REFINEMENT = 0.02, 40, 0.3
+REFINEMENT, MOST_REFINEMENTS, LEAST_REFINEMENT = 0.02, 60, 0.3
 #: Root mean square of the miss, relative to the largest target, that needs no further turn.
 ENOUGH = 1e-11
 

@@ -176,7 +176,8 @@ def make_factor_grid(
         counts=counts,
         number=number,
         factor=factorise(matrix, dissect(counts, number)),
-        free=free_motions(index * (0.5 / inverse_h)),
+        # a slack holds them all
+        free=np.zeros((N * n_nodes, 0)) if omega else free_motions(index * (0.5 / inverse_h)),
     )
 
 
