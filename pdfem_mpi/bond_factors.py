@@ -58,8 +58,6 @@ SLACK = 2e-5
 LONG_BONDS = (0.64, 0.8, 0.92)
 #: Reduction asked of each of these turns, most iterations, and the least reduction that is used.
 REFINEMENT, MOST_REFINEMENTS, LEAST_REFINEMENT = 0.02, 60, 0.3
-#: Root mean square of the miss, relative to the largest target, that needs no further turn.
-ENOUGH = 1e-11
 
 
 @dataclass(frozen=True)
@@ -214,23 +212,16 @@ def fit_factors(
     multipliers = [v]
     held, smallest, top = operator.write(v, START, bounded)
     nothing, in_slack = np.zeros_like(v), equations.in_slack
-    scale = float(largest(comm, np.array([np.abs(goal).max(initial=0.0)]))[0]) or 1.0
-    (n_equations,) = sum_integers(comm, np.array([goal.size])).tolist()
-    enough = ENOUGH * scale * math.sqrt(n_equations)
     miss = goal - operator.moments(nothing, 1.0, False)
     for fraction in LONG_BONDS:
-        outside = np.where(in_slack, 0.0, miss)
-        (square,) = dots(comm, (outside, outside))
-        left = enough / math.sqrt(square) if square > 0.0 else 1.0
-        if left >= 1.0:
-            break
-        v, reached = _undo_rounding(operator, outside, _nearest(bonds, fraction), max(left, REFINEMENT))
+        v, reached = _undo_rounding(operator, np.where(in_slack, 0.0, miss), _nearest(bonds, fraction))
         if not reached <= LEAST_REFINEMENT:
             break
         multipliers.append(v)
         operator.write(v, 1.0, False, _nearest(bonds, fraction))
         miss = goal - operator.moments(nothing, 1.0, False)
 
+    scale = float(largest(comm, np.array([np.abs(goal).max(initial=0.0)]))[0]) or 1.0
     parts = [np.where(in_slack, 0.0, miss), np.where(in_slack, miss, 0.0)]
     peaks = largest(comm, np.array([np.abs(part).max(initial=0.0) for part in parts])) / scale
     counts = np.array([np.count_nonzero(~slack), np.count_nonzero(slack), bonds.count])
@@ -267,9 +258,7 @@ def _nearest(bonds: Bonds, fraction: float) -> float:
     return (fraction * bonds.cutoff) ** 2
 
 
-def _undo_rounding(
-    operator: Operator, miss: np.ndarray, nearest: float, reduction: float
-) -> tuple[np.ndarray, float]:
+def _undo_rounding(operator: Operator, miss: np.ndarray, nearest: float) -> tuple[np.ndarray, float]:
     """Multipliers of the bonds longer than ``sqrt(nearest)`` that take a miss away; the reduction reached."""
     blocks = inverse_blocks(operator.blocks(1.0, nearest), np.zeros(miss.size // N))
 
@@ -281,7 +270,7 @@ def _undo_rounding(
     def multiply(v, size):
         return operator.multiply(v, size, 1.0, nearest)
 
-    return solve(operator.comm, multiply, precondition, miss, reduction, MOST_REFINEMENTS)
+    return solve(operator.comm, multiply, precondition, miss, REFINEMENT, MOST_REFINEMENTS)
 
 
 class _Equations:
