@@ -30,7 +30,7 @@ from pdfem_mpi.subdomain import Subdomain
 #: Counts up whenever the algorithm gives other numbers: fits of before are not used again.
 VERSION = 2
 #: Sweeps over the bonds that a fit takes on bodies of cubes, and bonds a second and core, all work between included.
-EXPECTED_SWEEPS, SWEEP_RATE = {"free": 180, "bounded": 290}, 7.5e7
+EXPECTED_SWEEPS, SWEEP_RATE = {"free": 200, "bounded": 290}, 7.5e7
 #: A residual above this is told.
 POOR = 1e-6
 #: Edges at a corner are at right angles, and neighbours equally long, within this.
