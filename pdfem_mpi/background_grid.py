@@ -1,22 +1,37 @@
-"""Trilinear functions on a background grid: nodes of its cells, and integrals over any body through moments."""
+"""Background grids: Lagrange functions on a box grid, integrated at any set of weighted positions through moments."""
 
 from itertools import product
 
 import numpy as np
 
 CORNERS = np.array(list(product((0, 1), repeat=3)))  # of a grid cell, z fastest
-_VALUE = {0: np.array([1.0, -1.0]), 1: np.array([0.0, 1.0])}
-_SLOPE = {0: np.array([-1.0, 0.0]), 1: np.array([1.0, 0.0])}
+#: Coefficients of the functions of one coordinate that are 1 at one of 2 or 3 equidistant nodes of [0, 1].
+FUNCTIONS = {1: ((1.0, -1.0), (0.0, 1.0)), 2: ((1.0, -3.0, 2.0), (0.0, 4.0, -4.0), (0.0, -1.0, 2.0))}
 
 
-def moment_table(derivatives) -> np.ndarray:
-    """Coefficients in 27 monomials of the products of corner functions, differentiated as asked, (27, 8, 8)."""
-    table = np.zeros((27, 8, 8))
-    for i, j in product(range(8), range(8)):
+def moment_table(derivatives, degree: int = 1) -> np.ndarray:
+    """Coefficients in monomials of the products of a grid cell's functions, differentiated as asked.
+
+    Parameters
+    ----------
+    derivatives : pair of int or None
+        Axes along which the two functions are differentiated.
+    degree : 1 or 2
+        Of the functions: trilinear or triquadratic.
+
+    Returns
+    -------
+    float64, shape ((2 degree + 1)**3, (degree + 1)**3, (degree + 1)**3)
+    """
+    nodes = list(product(range(degree + 1), repeat=3))
+    table = np.zeros(((2 * degree + 1) ** 3, len(nodes), len(nodes)))
+    values = [np.array(coefficients) for coefficients in FUNCTIONS[degree]]
+    slopes = [np.append(coefficients[1:] * np.arange(1, degree + 1), 0.0) for coefficients in values]
+    for (i, a), (j, b) in product(enumerate(nodes), repeat=2):
         factors = [
             np.convolve(
-                (_SLOPE if derivatives[0] == d else _VALUE)[CORNERS[i, d]],
-                (_SLOPE if derivatives[1] == d else _VALUE)[CORNERS[j, d]],
+                (slopes if derivatives[0] == d else values)[a[d]],
+                (slopes if derivatives[1] == d else values)[b[d]],
             )
             for d in range(3)
         ]
@@ -24,17 +39,23 @@ def moment_table(derivatives) -> np.ndarray:
     return table
 
 
-def cell_nodes(counts) -> np.ndarray:
-    """Grid nodes of all grid cells, shape (n, 8)."""
-    i, j, k = np.unravel_index(np.arange(int(np.prod(counts))), counts)
+def cell_nodes(counts, degree: int = 1) -> np.ndarray:
+    """Grid nodes of all grid cells, shape (n, (degree + 1)**3)."""
+    i, j, k = (degree * index for index in np.unravel_index(np.arange(int(np.prod(counts))), counts))
+    planes = degree * np.asarray(counts) + 1
     return np.stack(
-        [((i + a) * (counts[1] + 1) + (j + b)) * (counts[2] + 1) + (k + c) for a, b, c in CORNERS], axis=1
+        [((i + a) * planes[1] + (j + b)) * planes[2] + (k + c) for a, b, c in product(range(degree + 1), repeat=3)],
+        axis=1,
     )
 
 
 def add_moments(moments: np.ndarray, where: np.ndarray, xi: np.ndarray, weight: np.ndarray, quantum) -> None:
-    """Add the moments of weighted positions to their grid cells, shape (n_cells, 27), in quanta of each cell."""
-    powers = xi[:, :, None] ** np.arange(3)
-    for m, (i, j, k) in enumerate(product(range(3), repeat=3)):
+    """Add the moments of weighted positions to their grid cells, in quanta of each cell.
+
+    ``moments`` has the shape (n_cells, 27) for trilinear functions, (n_cells, 125) for triquadratic ones.
+    """
+    n = round(moments.shape[1] ** (1 / 3))
+    powers = xi[:, :, None] ** np.arange(n)
+    for m, (i, j, k) in enumerate(product(range(n), repeat=3)):
         terms = weight * powers[:, 0, i] * powers[:, 1, j] * powers[:, 2, k]
         np.add.at(moments[:, m], where, np.rint(terms / quantum[where]).astype(np.int64))

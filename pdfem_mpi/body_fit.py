@@ -28,9 +28,9 @@ from pdfem_mpi.scene import SceneError
 from pdfem_mpi.subdomain import Subdomain
 
 #: Counts up whenever the algorithm gives other numbers: fits of before are not used again.
-VERSION = 2
-#: Sweeps over the bonds that a fit takes on bodies of cubes, and bonds a second and core of one.
-EXPECTED_SWEEPS, SWEEP_RATE = {"free": 200, "bounded": 400}, 1e8
+VERSION = 3
+#: Sweeps over the bonds that a fit takes on bodies of cubes, and bonds a second and core, all work between included.
+EXPECTED_SWEEPS, SWEEP_RATE = {"free": 200, "bounded": 290}, 7.5e7
 #: A residual above this is told, and above that a fit does not serve: a few of its factors are hundreds and more.
 POOR, USELESS = 1e-6, 1e-2
 #: Edges at a corner are at right angles, and neighbours equally long, within this.

@@ -41,7 +41,7 @@ SHEAR_MODULUS = 0.4
 #: Factors start here: what the cutoff and the lattice take from the closed form of the stiffness.
 START = 1.0 / 0.98
 #: A fit ends at this residual, relative to that of the start.
-TOLERANCE = 1e-10
+TOLERANCE = 1e-9
 #: Reduction of the residual by one linear solve on the way to positive factors, and most of its iterations.
 INNER_REDUCTION, MOST_INNER = 1e-3, 100
 #: Weight of a bond whose factor is held at 0, relative to others, in a linear solve.
@@ -53,7 +53,7 @@ MOST_SWEEPS, MOST_TURNS = 1500, 60
 #: A step towards positive factors is halved so often at most.
 MOST_HALVINGS = 8
 #: Slack of the points that may miss their targets, relative to the mean diagonal of the operator.
-SLACK = 1e-4
+SLACK = 2e-5
 #: Rounding is undone by the bonds longer than these fractions of the cutoff radius, in turn.
 LONG_BONDS = (0.64, 0.8, 0.92)
 #: Reduction asked of each of these turns, most iterations, and the least reduction that is used.

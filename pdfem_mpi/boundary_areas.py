@@ -22,6 +22,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pdfem_mpi.hex8 import GAUSS_POINTS, REFERENCE_NODES
+from pdfem_mpi.killing import rigid_motions
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh
 from pdfem_mpi.scene import SceneError
 
@@ -223,10 +224,7 @@ def _conditions(x: np.ndarray) -> np.ndarray:
 
     The 56 products of three rigid motions span the 50 Killing tensors of rank 3, six of them twice.
     """
-    motions = np.zeros((6, len(x), 3))
-    for d in range(3):
-        motions[d, :, d] = 1.0
-        motions[3 + d] = np.cross(np.eye(3)[d], x)
+    motions = rigid_motions(x)
     dots = (motions[:, None] * motions[None]).sum(axis=3)
     rows = np.empty((N_TRACES + 12, len(x), 3))
     for k, (p, q, r) in enumerate(combinations_with_replacement(range(6), 3)):

@@ -1,9 +1,12 @@
-"""Coarse level of the fit of bond factors: the operator's local limit on a background grid of two cells' spacing.
+"""Coarse level of the fit of bond factors: the operator's local limit on a background grid of triquadratic elements.
 
 For multipliers that vary slowly, ``(v_i - v_j) . t`` is a derivative along the bond, and the sum over a point's bonds
 tends to an integral over directions: the energy ``1/2 w_i grad v : M : grad v`` with ``M_(da)(eb) = S <n_d n_e t_a(n)
-t_b(n)>``, the mean over the unit sphere, ``S = 2 pi c int_0^rc exp(-r^2) r^3 dr``. Moments, nodes and factors are
-those of `background_grid`.
+t_b(n)>``, the mean over the unit sphere, ``S = 2 pi c int_0^rc exp(-r^2) r^3 dr``. Moments and functions are those of
+`background_grid`, factors those of `dissection`.
+
+The energy's free motions are polynomials of up to the third degree. Functions of the second follow them where a thin
+body bends; trilinear ones lock, and take the more iterations the wider it is.
 """
 
 from __future__ import annotations
@@ -12,11 +15,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
 
 from pdfem_mpi.background_grid import add_moments, cell_nodes, moment_table
 from pdfem_mpi.bonds import RESPONSE_CONSTANT, Points
+from pdfem_mpi.dissection import BlockMatrix, Factor, count_entries, dissect, factorise
 from pdfem_mpi.kernels.bond_factors import (
     MONOMIALS,
     MULTIPLICITY,
@@ -25,22 +27,39 @@ from pdfem_mpi.kernels.bond_factors import (
     restrict_moments,
 )
 from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.killing import free_motions
 from pdfem_mpi.parallel.comm import sum_integers
 
-#: Spacing of the grid in cell edges.
-COARSENING = 2.0
-#: Most entries of the factors, estimated as unknowns times half a band, about 16 bytes each on every rank; and by how
-#: much the spacing grows at a time where they would be more.
-MOST_FILL, STEP = 1.5e7, 1.1
+#: Length of an element in cell edges.
+COARSENING = 4.0
+#: Most entries of the factors, 4 bytes each on every rank; and by how much the elements grow at a time where they would
+#: be more.
+MOST_ENTRIES, STEP = 3e7, 1.1
 #: Moments are rounded to this fraction of a cell of unit volume.
 MOMENT_QUANTUM = 2.0**-40
-#: Added to the diagonal, relative: the operator has fifty free motions, along which round-off must not grow.
-PIN = 1e-3
+#: Added to the diagonal, relative: the operator has fifty free motions.
+PIN = 1e-6
 
 
 @dataclass(frozen=True)
 class FactorGrid:
-    """The level as seen from the points of one rank; the same factors on every rank."""
+    """The level as seen from the points of one rank; the same factors on every rank.
+
+    Attributes
+    ----------
+    n_points : int
+    x : float64
+        Positions in cluster layout.
+    lower, inverse_h : float64, shape (3,)
+    counts : int64, shape (3,)
+        Elements along the axes.
+    number : int64, shape (n_grid_nodes,)
+        Numbers of the nodes that touch the body, -1 for others.
+    factor : Factor
+    free : float64, shape (n_unknowns, at most 50)
+        Orthonormal free motions. They are kept out of the solve: round-off along them would be amplified by the
+        inverse of ``PIN``.
+    """
 
     n_points: int
     x: np.ndarray
@@ -48,7 +67,8 @@ class FactorGrid:
     inverse_h: np.ndarray
     counts: np.ndarray
     number: np.ndarray
-    factor: SuperLU
+    factor: Factor
+    free: np.ndarray
 
     @property
     def arrays(self):
@@ -57,10 +77,14 @@ class FactorGrid:
 
     def add_correction(self, comm, r: np.ndarray, quantum: float, z: np.ndarray) -> None:
         """``z += T C^-1 T^t r`` for the owned points, vectors of shape (n_clusters, 10, 4). Collective."""
-        sums = np.zeros((int(self.number.max()) + 1, N), np.int64)
+        sums = np.zeros((len(self.free) // N, N), np.int64)
         restrict_moments(*self.arrays, r.reshape(-1), quantum, sums)
-        right = (sum_integers(comm, sums) * quantum).reshape(-1)
-        interpolate_moments(*self.arrays, self.factor.solve(right).reshape(-1, N), z.reshape(-1))
+        right = self._held((sum_integers(comm, sums) * quantum).reshape(-1))
+        correction = self._held(self.factor.solve(right))
+        interpolate_moments(*self.arrays, correction.reshape(-1, N), z.reshape(-1))
+
+    def _held(self, x: np.ndarray) -> np.ndarray:
+        return x - self.free @ (self.free.T @ x)
 
 
 def tensor(cutoff: float) -> np.ndarray:
@@ -107,7 +131,7 @@ def make_factor_grid(
     scaled = (x - lower) * inverse_h
     index = np.clip(np.floor(scaled).astype(np.int64), 0, counts - 1)
     where = (index[:, 0] * counts[1] + index[:, 1]) * counts[2] + index[:, 2]
-    moments = np.zeros((int(np.prod(counts)), 2, 27), np.int64)
+    moments = np.zeros((int(np.prod(counts)), 2, 125), np.int64)
     quantum = np.full(len(moments), MOMENT_QUANTUM)
     add_moments(moments[:, 0], where, scaled - index, points.volume[:n], quantum)
     if omega:
@@ -115,51 +139,53 @@ def make_factor_grid(
     moments = sum_integers(comm, moments) * MOMENT_QUANTUM
 
     active = moments[:, 0, 0] > 0.0
-    cells = cell_nodes(counts)[active]
-    number = np.full(int(np.prod(counts + 1)), -1)
+    cells = cell_nodes(counts, 2)[active]
+    number = np.full(int(np.prod(2 * counts + 1)), -1)
     used = np.unique(cells)
     number[used] = np.arange(len(used))
-    rows = np.repeat(number[cells], 8, axis=1).reshape(-1)
-    columns = np.tile(number[cells], (1, 8)).reshape(-1)
+    n_nodes = len(used)
+    keys = (n_nodes * number[cells][:, :, None] + number[cells][:, None, :]).reshape(-1)
+    keys, entry = np.unique(keys, return_inverse=True)
 
-    def assembled(table, weights):
-        products = (weights[active] @ table.reshape(27, 64)).reshape(-1)
-        return sparse.coo_array((products, (rows, columns)), shape=(len(used),) * 2).tocsr()
+    def assembled(derivatives, weights):
+        products = weights[active] @ moment_table(derivatives, 2).reshape(125, 27**2)
+        return np.bincount(entry, products.reshape(-1), len(keys))
 
-    M = modulus * tensor(cutoff)
-    matrix = sum(
-        sparse.kron(assembled(moment_table((d, e)) * (inverse_h[d] * inverse_h[e]), moments[:, 0]), M[d, e], "csr")
-        for d in range(3)
-        for e in range(3)
-    )
+    axes = [(d, e) for d in range(3) for e in range(3)]
+    values = [inverse_h[d] * inverse_h[e] * assembled((d, e), moments[:, 0]) for d, e in axes]
+    tables = modulus * tensor(cutoff).reshape(9, N, N)
     if omega:
-        matrix = matrix + sparse.kron(omega * assembled(moment_table((None, None)), moments[:, 1]), np.eye(N), "csr")
-    diagonal = matrix.diagonal()
-    matrix = 0.5 * (matrix + matrix.T) + sparse.diags_array(PIN * np.maximum(diagonal, diagonal.mean()))
-
-    return FactorGrid(n, points.x, lower, inverse_h, counts, number, _factorise(matrix))
+        values.append(omega * assembled((None, None), moments[:, 1]))
+        tables = np.concatenate([tables, np.eye(N)[None]])
+    values = np.stack(values, axis=1)
+    of_diagonal = np.flatnonzero(keys // n_nodes == keys % n_nodes)
+    diagonal = (values[of_diagonal] @ tables.diagonal(axis1=1, axis2=2)).reshape(-1)
+    matrix = BlockMatrix(
+        start=np.searchsorted(keys, n_nodes * np.arange(n_nodes + 1)),
+        column=keys % n_nodes,
+        values=values,
+        tables=tables,
+        raised=PIN * np.maximum(diagonal, diagonal.mean()),
+    )
+    index = np.stack(np.unravel_index(used, 2 * counts + 1), axis=1)
+    return FactorGrid(
+        n_points=n,
+        x=points.x,
+        lower=lower,
+        inverse_h=inverse_h,
+        counts=counts,
+        number=number,
+        factor=factorise(matrix, dissect(counts, number)),
+        # a slack holds them all
+        free=np.zeros((N * n_nodes, 0)) if omega else free_motions(index * (0.5 / inverse_h)),
+    )
 
 
 def grid_counts(extent: np.ndarray, edge: float) -> np.ndarray:
-    """Grid cells along the axes: about `COARSENING` edges wide, or wider where the factors would outgrow `MOST_FILL`.
-
-    Two cells stay across a thin direction: coarser ones cost more iterations there than along the others.
-    """
-    finest = np.maximum(1, np.rint(extent / (COARSENING * edge))).astype(np.int64)
-    counts, spacing = finest, COARSENING * edge
-    while _fill(counts) > MOST_FILL and (counts > 2).any():
-        spacing *= STEP
-        counts = np.maximum(np.minimum(finest, 2), np.rint(extent / spacing).astype(np.int64))
-    return counts
-
-
-def _factorise(matrix) -> SuperLU:
-    """Factors of a symmetric positive matrix."""
-    options = {"SymmetricMode": True}
-    return splu(sparse.csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-
-
-def _fill(counts: np.ndarray) -> float:
-    """Estimated entries of both factors: unknowns times the band of the two shorter axes."""
-    nodes = np.sort(counts + 1).astype(float)
-    return 2.0 * N**2 * float(np.prod(nodes)) * nodes[0] * nodes[1] / 2.0
+    """Elements along the axes: about `COARSENING` edges long, or longer where the factors outgrow `MOST_ENTRIES`."""
+    length = COARSENING * edge
+    while True:
+        counts = np.maximum(1, np.rint(extent / length)).astype(np.int64)
+        if count_entries(counts, N) <= MOST_ENTRIES or (counts == 1).all():
+            return counts
+        length *= STEP

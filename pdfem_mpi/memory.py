@@ -39,7 +39,7 @@ GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES = 320, 2700
 #: Table, vectors, blocks and multipliers of a point while bond factors are fitted.
 FIT_POINT_BYTES = 1700
 #: Matrix and factors of the fit's grid on every rank, for a cell with points, and at most.
-FIT_GRID_CELL_BYTES, FIT_GRID_BYTES = 40_000, 3.5e8
+FIT_GRID_CELL_BYTES, FIT_GRID_BYTES = 8_000, 2e8
 
 
 @dataclass(frozen=True)

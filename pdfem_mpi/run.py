@@ -57,6 +57,7 @@ from pdfem_mpi.results.log import RunLog
 from pdfem_mpi.results.summary import write_summary
 from pdfem_mpi.scene import BarProbe, DisplacementProbe, FileMesh, LineProbe, Scene, SceneError, Steps
 from pdfem_mpi.solvers.convergence import NotConverged, Progress
+from pdfem_mpi.solvers.stability import smallest_eigenvalue
 from pdfem_mpi.state import State, new_state
 from pdfem_mpi.stepping import Report, follow_load_program, make_solver
 from pdfem_mpi.watchdog import Asleep, Watchdog, patience
@@ -253,6 +254,7 @@ class _Run:
         self.lock: Lock | None = None
         self.frame_files: list[str] = []
         self.energy_error: float | None = None
+        self.smallest_eigenvalue: float | None = None
         self.probes: dict[str, Any] = {}
         self.parts: dict[str, int] = {}
         self.bar: Bar | None = None
@@ -333,6 +335,11 @@ class _Run:
             tell(note)
         for note in describe_criterion(failure):
             tell(note)
+        if model.body_fit and model.body_fit.fit and solve.preconditioner and not model.body_fit.reused:
+            with _phase(self.seconds, "setup"):
+                self.smallest_eigenvalue = smallest_eigenvalue(model, case.fixed, solve.preconditioner)
+            if self.smallest_eigenvalue is None:
+                tell('the fitted body is unstable: some motion lowers its energy. Use signs = "bounded".')
         for note in start.notes:
             tell(f"note: {note}")
         if start.path:
@@ -616,7 +623,7 @@ class _Run:
             "surface_correction": {
                 "kind": self.scene.peridynamics.surface_correction if discretization.cutoff else None,
                 "remaining": model.correction_remaining if discretization.cutoff else None,
-                "fit": _fit_report(model.body_fit),
+                "fit": _fit_report(model.body_fit, self.smallest_eigenvalue),
             },
             "bonds_cut_by_cracks": list(model.cut),
             "parts_at_start": self.parts,
@@ -710,12 +717,12 @@ def _describe_mirrors(scene: Scene) -> str:
     return f"{', '.join(faces)}: {('half', 'a quarter', 'an eighth')[len(faces) - 1]} of the body is modelled"
 
 
-def _fit_report(outcome: BodyFit | None) -> dict[str, Any] | None:
+def _fit_report(outcome: BodyFit | None, smallest: float | None) -> dict[str, Any] | None:
     """What became of the fit of the bond factors; its numbers are missing where none serves."""
     if outcome is None:
         return None
     report = {"fingerprint": outcome.fingerprint, "reused": outcome.reused, "notes": list(outcome.notes)}
-    return report | (asdict(outcome.fit) if outcome.fit else {})
+    return report | ({**asdict(outcome.fit), "smallest_eigenvalue": smallest} if outcome.fit else {})
 
 
 def _describe_taken(force: np.ndarray, unit: str) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit, types
 
 from pdfem_mpi.kernels.simd import (
+    PATTERN,
     W,
     above,
     both,
@@ -429,24 +430,23 @@ def multiply_blocks(inverse, r, z):
 
 @njit(inline="always")
 def _weights(x, p, lower, inverse_h, counts, weights):
-    """Grid cell of point p as its lowest node, and the trilinear weights of the cell's nodes."""
+    """Element of point p as its lowest node, and the triquadratic weights of its nodes by axis."""
     node = 0
     base = 3 * W * (p // W) + p % W
-    for a in range(8):
-        weights[a] = 1.0
     for d in range(3):
         scaled = (x[base + W * d] - lower[d]) * inverse_h[d]
         cell = min(max(np.int64(math.floor(scaled)), 0), counts[d] - 1)
         xi = scaled - cell
-        node = node * (counts[d] + 1) + cell
-        for a in range(8):
-            weights[a] *= xi if (a >> (2 - d)) & 1 else 1.0 - xi
+        node = node * (2 * counts[d] + 1) + 2 * cell
+        weights[d, 0] = (1.0 - xi) * (1.0 - 2.0 * xi)
+        weights[d, 1] = 4.0 * xi * (1.0 - xi)
+        weights[d, 2] = xi * (2.0 * xi - 1.0)
     return node
 
 
 @njit(**_options)
 def restrict_moments(n_points, x, lower, inverse_h, counts, number, r, quantum, coarse):
-    """Add ``T^t r`` to the nodes of a background grid, each term rounded to the quantum.
+    """Add ``T^t r`` to the nodes of a background grid of triquadratic elements, each term rounded to the quantum.
 
     Parameters
     ----------
@@ -454,42 +454,62 @@ def restrict_moments(n_points, x, lower, inverse_h, counts, number, r, quantum, 
     x : float64, shape (>= n_points * 3,), dimension length
         Cluster layout.
     lower, inverse_h : float64, shape (3,)
-        Corner of the grid and cells per length.
+        Corner of the grid and elements per length.
     counts : int64, shape (3,)
-        Grid cells along the axes.
+        Elements along the axes.
     number : int64, shape (n_grid_nodes,)
         Numbers of the grid's nodes.
     r : float64, shape (n_points * 10,)
     quantum : float
-        Power of two; a sum must stay below ``2**62`` quanta.
+        Power of two; a term must stay below ``2**51`` quanta, a sum below ``2**62``.
     coarse : int64, shape (n_nodes, 10)
         Added to.
     """
-    inverse = 1.0 / quantum
-    weights = np.empty(8)
+    # the bits of a number beside M, less those of M, count its quanta
+    M = PATTERN * quantum
+    terms = np.full(N, M)
+    bits = terms.view(np.int64)
+    of_M = bits[0]
+    weights = np.empty((3, 3))
+    own = np.empty(N)
     for p in range(n_points):
         node = _weights(x, p, lower, inverse_h, counts, weights)
         base = N * W * (p // W) + p % W
-        for a in range(8):
-            corner = (((a >> 2) & 1) * (counts[1] + 1) + ((a >> 1) & 1)) * (counts[2] + 1) + (a & 1)
-            to = number[node + corner]
-            scale = weights[a] * inverse
-            for d in range(N):
-                coarse[to, d] += np.int64(np.rint(scale * r[base + W * d]))
+        for d in range(N):
+            own[d] = r[base + W * d]
+        for a in range(3):
+            for b in range(3):
+                of_line = node + (a * (2 * counts[1] + 1) + b) * (2 * counts[2] + 1)
+                weight = weights[0, a] * weights[1, b]
+                for c in range(3):
+                    to = number[of_line + c]
+                    w = weight * weights[2, c]
+                    for d in range(N):
+                        terms[d] = w * own[d] + M
+                    for d in range(N):
+                        coarse[to, d] += bits[d] - of_M
 
 
 @njit(**_options)
 def interpolate_moments(n_points, x, lower, inverse_h, counts, number, coarse, z):
     """Add ``T coarse`` to ``z``; parameters as in `restrict_moments`, ``coarse`` float64."""
-    weights = np.empty(8)
+    weights = np.empty((3, 3))
+    own = np.empty(N)
     for p in range(n_points):
         node = _weights(x, p, lower, inverse_h, counts, weights)
         base = N * W * (p // W) + p % W
-        for a in range(8):
-            corner = (((a >> 2) & 1) * (counts[1] + 1) + ((a >> 1) & 1)) * (counts[2] + 1) + (a & 1)
-            to = number[node + corner]
-            for d in range(N):
-                z[base + W * d] += weights[a] * coarse[to, d]
+        own[:] = 0.0
+        for a in range(3):
+            for b in range(3):
+                of_line = node + (a * (2 * counts[1] + 1) + b) * (2 * counts[2] + 1)
+                weight = weights[0, a] * weights[1, b]
+                for c in range(3):
+                    of_node = number[of_line + c]
+                    w = weight * weights[2, c]
+                    for d in range(N):
+                        own[d] += w * coarse[of_node, d]
+        for d in range(N):
+            z[base + W * d] += own[d]
 
 
 _f8, _i8, _f4, _real, _flag = types.float64[::1], types.int64[::1], types.float32[::1], types.float64, types.boolean

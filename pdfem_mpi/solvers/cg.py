@@ -86,7 +86,7 @@ def solve(
         tangent = forces.with_own_bounds()
     residual = np.empty_like(u)
     start, norm, forcing, largest_met = forces.evaluations, math.inf, FIRST_FORCING, 0.0
-    sequence = _Sequence(tangent, fixed, preconditioner, np.zeros_like(u))
+    sequence = Sequence(tangent, fixed, preconditioner, np.zeros_like(u))
 
     at_rest = float(largest(comm, np.array([np.abs(u).max(initial=0.0)]))[0]) == 0.0
     while True:
@@ -177,7 +177,7 @@ def improve(
     before = residual.copy()
     (square,) = exact_dots(forces.model.comm, [(residual, residual)])
     own = forces if forces.tangent else forces.with_own_bounds()
-    sequence = _Sequence(own, fixed, preconditioner, step)
+    sequence = Sequence(own, fixed, preconditioner, step)
     try:
         sequence.run(residual, math.sqrt(square), goal, sweeps, math.inf, lambda norm: None, stop=True)
     finally:
@@ -192,7 +192,7 @@ def _told(watch, state: State, relative: float) -> None:
     watch(Progress(state.iteration, relative, 0.0))
 
 
-class _Sequence:
+class Sequence:
     """Conjugate gradients on one tangent after the other.
 
     Attributes

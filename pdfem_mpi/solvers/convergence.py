@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 
@@ -36,7 +36,7 @@ class Progress:
     iteration: int
     residual: float
     damping: float
-    work: tuple[Any, ...] = ()
+    work: tuple[Any, ...] = field(default=(), compare=False)
 
 
 class NotConverged(Exception):

@@ -13,7 +13,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "pdfem_mpi"
 LEVELS = (
     ("hex8", "launch", "signals", "faults", "background_grid", "factor_cache", "heap", "held"),
     ("kernels", "scene", "parallel.comm", "parallel.bisection"),
-    ("deck", "materials", "mesh", "mirrors", "parallel.halo", "pausing", "watchdog"),
+    ("deck", "materials", "mesh", "mirrors", "parallel.halo", "pausing", "watchdog", "dissection", "killing"),
     ("discretization", "images"),
     ("bonds", "subdomain", "fingerprint", "boundary_areas"),
     ("factor_grid", "bond_moments"),

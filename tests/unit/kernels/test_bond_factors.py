@@ -244,7 +244,7 @@ def test_inverse_blocks():
 
 
 @pytest.mark.nojit
-def test_interpolation_reproduces_linear_functions_and_restriction_is_its_transpose():
+def test_interpolation_reproduces_quadratic_functions_and_restriction_is_its_transpose():
     """On a grid whose nodes are numbered in some order."""
     rng = np.random.default_rng(8)
     counts, lower, inverse_h = np.array([2, 3, 1]), np.array([-1.0, 0.5, 2.0]), np.array([2.0, 1.0, 0.25])
@@ -252,16 +252,17 @@ def test_interpolation_reproduces_linear_functions_and_restriction_is_its_transp
     x = rng.uniform(lower, upper, (8, 3))
     x[0], x[1] = lower, upper  # the last cell holds its upper corner
     flat = np.ascontiguousarray(x.reshape(-1, W, 3).swapaxes(1, 2)).reshape(-1)
-    number = rng.permutation(int(np.prod(counts + 1)))
-    index = np.stack(np.unravel_index(np.arange(len(number)), counts + 1), axis=1)
+    number = rng.permutation(int(np.prod(2 * counts + 1)))
+    index = np.stack(np.unravel_index(np.arange(len(number)), 2 * counts + 1), axis=1)
     coarse = np.zeros((len(number), N))
-    slopes = rng.standard_normal((3, N))
-    coarse[number] = (lower + index / inverse_h) @ slopes
+    slopes, squares = rng.standard_normal((2, 3, N))
+    nodes = lower + 0.5 * index / inverse_h
+    coarse[number] = nodes @ slopes + nodes**2 @ squares
     z = np.zeros((2, N, W))
     grid = (8, flat, lower, inverse_h, counts, number)
     bond_factors.interpolate_moments(*grid, coarse, z.reshape(-1))
     found = z.swapaxes(1, 2).reshape(8, N)
-    np.testing.assert_allclose(found, x @ slopes, atol=1e-13)
+    np.testing.assert_allclose(found, x @ slopes + x**2 @ squares, rtol=1e-12, atol=1e-12)
 
     r = rng.standard_normal((2, N, W))
     sums = np.zeros((len(number), N), np.int64)
