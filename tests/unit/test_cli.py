@@ -46,7 +46,7 @@ def check_scene(scene, comm):
     return {"cells": str(scene.mesh.n_cells)}
 
 stub = types.ModuleType("pdfem_mpi.run")
-stub.run, stub.check_scene, stub.warm_up = run, check_scene, lambda comm: None
+stub.run, stub.check_scene, stub.warm_up = run, check_scene, lambda *arguments: None
 stub.Ways, stub.Refused = types.SimpleNamespace, type("Refused", (Exception,), {})
 sys.modules["pdfem_mpi.run"] = stub
 from pdfem_mpi.cli import main

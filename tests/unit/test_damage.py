@@ -32,7 +32,7 @@ total = [1, 0, 0]
 
 
 def test_points_file_has_the_damage_beside_displacements(tmp_path, monkeypatch):
-    monkeypatch.setattr("pdfem_mpi.run.warm_up", lambda comm: None)  # it closes the kernels to a second run
+    monkeypatch.setattr("pdfem_mpi.run.warm_up", lambda *arguments: None)  # it closes the kernels to a second run
     corners = ((3.0, -1.0, -1.0), (3.0, 1.0, -1.0), (3.0, 1.0, 4.0), (3.0, -1.0, 4.0))
     scene = make_scene((6, 3, 3), 0, solver="cg", cracks=(Crack(polygon=corners),), output=Output(damage=True))
     assert run(scene, mpi().COMM_SELF, tmp_path, "", True, Silence()) == 0
