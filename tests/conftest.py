@@ -26,6 +26,12 @@ def _stderr(config):
         return 2
 
 
+def pytest_collection_finish():
+    """Modules and thousands of collected tests stay: searching them for garbage took most of the time of MPI tests."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(autouse=True)
 def time_limit(request):
     """End the process, with the stacks of all threads, when a test takes too long."""

@@ -65,7 +65,7 @@ def mpi_stage(ranks: int, seconds: float, selection: str) -> Stage:
     name = f"mpi-{ranks}"
     reports = [REPORTS / f"{name}.{rank}.xml" for rank in range(ranks)]
     shell = ["/bin/sh", "-c", f'exec "$@" "--junitxml=$0.{RANK}.xml"', str(REPORTS / name)]
-    tests = [*PYTEST, "--only-mpi", "-m", selection]
+    tests = [*PYTEST, "--only-mpi", "-m", selection, "tests/mpi"]
     return Stage(name, [[*command, *shell, *tests]], seconds, reports, additions)
 
 
