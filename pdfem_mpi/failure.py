@@ -17,14 +17,15 @@ from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry, value
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.materials import bond_stretches
+from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import Model
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.scene import Scene
 
 #: Critical stretch of bonds that do not break: far above any stretch, and its square is finite.
 UNBREAKABLE = 1e100
-#: Fitted bonds up to this fraction of the cells' mean edge set no load: where strains vary, the distance of the nearest
-#: points reads up to a third too much (docs/failure_criterion.md).
+#: Fitted bonds up to this fraction of the mean edge of the cells with bonds set no load: where strains vary, the
+#: distance of the nearest points reads up to a third too much (docs/failure_criterion.md).
 TOO_NEAR = 0.5
 #: Records a sweep can hold before they are booked; a point with more rows gets more.
 RECORDS = 16384
@@ -212,7 +213,8 @@ def describe_criterion(failure: Failure | None) -> tuple[str, ...]:
         return ()
     return (
         'note: bonds that may break have peridynamics.surface_correction = "fitted", with which bodies carried some 15 '
-        '% more than with "virial" and than finer ones (docs/failure_criterion.md). Use "virial" for peaks.',
+        '% more than with "virial" and some 20 % more than finer ones (docs/failure_criterion.md). Use "virial" for '
+        "peaks.",
     )
 
 
@@ -245,15 +247,20 @@ def make_failure(scene: Scene, discretization: Discretization, model: Model) -> 
     most = max(int(np.diff(rows.start).max(initial=0)) for rows in model.bonds.rows)
     room = max(RECORDS, W * most)
     fitted = model.body_fit is not None and model.body_fit.fit is not None
-    edge = discretization.mesh.mean_edge / discretization.units.length
     return Failure(
         class_of=np.repeat(discretization.region[cells].astype(np.uint8), 2),
         stretch=stretch,
         pairs=np.empty((room, 2), np.int64),
         strengths=np.empty((room, 2), np.float32),
         counter=np.zeros(1, np.int64),
-        nearest=TOO_NEAR * edge if fitted else 0.0,
+        nearest=TOO_NEAR * _mean_edge(discretization) if fitted else 0.0,
     )
+
+
+def _mean_edge(discretization: Discretization) -> float:
+    """Mean over all edges of the cells with points, each cell's own counted, dimension length."""
+    mesh = discretization.mesh
+    return HexMesh(mesh.nodes, mesh.cells[discretization.has_points]).average_edge / discretization.units.length
 
 
 def critical_stretches(scene: Scene, discretization: Discretization) -> np.ndarray:

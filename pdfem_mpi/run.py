@@ -255,6 +255,7 @@ class _Run:
         self.frame_files: list[str] = []
         self.energy_error: float | None = None
         self.smallest_eigenvalue: float | None = None
+        self.stable: bool | None = None
         self.probes: dict[str, Any] = {}
         self.parts: dict[str, int] = {}
         self.bar: Bar | None = None
@@ -335,11 +336,15 @@ class _Run:
             tell(note)
         for note in describe_criterion(failure):
             tell(note)
-        if model.body_fit and model.body_fit.fit and solve.preconditioner and not model.body_fit.reused:
+        free = scene.peridynamics.signs == "free"
+        fitted = model.body_fit and model.body_fit.fit and solve.preconditioner and not start.path
+        if fitted and (free or not model.body_fit.reused):
             with _phase(self.seconds, "setup"):
                 self.smallest_eigenvalue = smallest_eigenvalue(model, case.fixed, solve.preconditioner)
-            if self.smallest_eigenvalue is None:
-                tell('the fitted body is unstable: some motion lowers its energy. Use signs = "bounded".')
+            self.stable = self.smallest_eigenvalue is not None
+            if not self.stable:
+                remedy = 'peridynamics.signs = "bounded"' if free else 'surface_correction = "virial"'
+                tell(f"warning: the fitted body is unstable: some motion lowers its energy. Use {remedy}.")
         for note in start.notes:
             tell(f"note: {note}")
         if start.path:
@@ -623,7 +628,7 @@ class _Run:
             "surface_correction": {
                 "kind": self.scene.peridynamics.surface_correction if discretization.cutoff else None,
                 "remaining": model.correction_remaining if discretization.cutoff else None,
-                "fit": _fit_report(model.body_fit, self.smallest_eigenvalue),
+                "fit": _fit_report(model.body_fit, self.smallest_eigenvalue, self.stable),
             },
             "bonds_cut_by_cracks": list(model.cut),
             "parts_at_start": self.parts,
@@ -717,12 +722,16 @@ def _describe_mirrors(scene: Scene) -> str:
     return f"{', '.join(faces)}: {('half', 'a quarter', 'an eighth')[len(faces) - 1]} of the body is modelled"
 
 
-def _fit_report(outcome: BodyFit | None, smallest: float | None) -> dict[str, Any] | None:
-    """What became of the fit of the bond factors; its numbers are missing where none serves."""
+def _fit_report(outcome: BodyFit | None, smallest: float | None, stable: bool | None) -> dict[str, Any] | None:
+    """What became of the fit of the bond factors; its numbers are missing where none serves.
+
+    Stability is null where it was not looked at: by relaxation, after a restart, or positive factors of an earlier fit.
+    """
     if outcome is None:
         return None
     report = {"fingerprint": outcome.fingerprint, "reused": outcome.reused, "notes": list(outcome.notes)}
-    return report | ({**asdict(outcome.fit), "smallest_eigenvalue": smallest} if outcome.fit else {})
+    found = {"smallest_eigenvalue": smallest, "stable": stable}
+    return report | (asdict(outcome.fit) | found if outcome.fit else {})
 
 
 def _describe_taken(force: np.ndarray, unit: str) -> str:

@@ -18,29 +18,26 @@ from pdfem_mpi.discretization import discretize
 from pdfem_mpi.failure import make_failure
 from pdfem_mpi.fields import fields_sha256, gather_fields
 from pdfem_mpi.forces import Forces
-from pdfem_mpi.loading import exact_dots, make_load_case
+from pdfem_mpi.loading import exact_dots
 from pdfem_mpi.model import build_model, cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.scene import Scene
 from pdfem_mpi.state import new_state
-from pdfem_mpi.stepping import make_solver
 
 #: The strain whose force a rotation's is compared with.
 STRAIN = 1e-2
 
 
 def rotation(scene: Scene, comm, degrees: float) -> dict[str, float]:
-    """Rotate a body of bonds about z and look at its forces, its bonds, and where a solver takes it. Collective.
+    """Rotate a body of bonds about z and look at its forces and its bonds. Collective.
 
     Returns
     -------
     dict of float
-        Relative to the force of a strain of 1e-2: ``force``; of the rotated place: ``residual`` is what a solver leaves
-        without load, ``moved`` how far it goes, over the size of the body. ``broken`` bonds.
+        ``force``, relative to that of a strain of 1e-2, and ``broken`` bonds.
     """
     discretization = discretize(scene)
     model = build_model(scene, discretization, comm)
-    case = make_load_case(scene, discretization, model)
     state = new_state(model)
     forces, failure = Forces(model, state.bounds), make_failure(scene, discretization, model)
     x = point_rows(model.points.x[: model.n_point_unknowns])
@@ -56,21 +53,14 @@ def rotation(scene: Scene, comm, degrees: float) -> dict[str, float]:
 
     of_strain = size(cluster_layout(strained))
     state.u[:] = cluster_layout(turned)
-    before = state.u.copy()
     size(state.u)  # bounds that suit the rotation
     found = size(state.u, failure)
     broken = failure.close(model)
-    solve = make_solver(scene, discretization, forces, case, lambda text: None)
-    convergence = solve(state, nothing)
-    step = state.u - before
-    moved, whole = exact_dots(comm, [(step, step), (before, before)])
     fields = gather_fields(discretization, forces, state.u)
     return {
         "force": found / of_strain,
         "broken": float(broken),
-        "residual": size(state.u) / of_strain,
-        "moved": math.sqrt(moved / whole),
-        "evaluations": convergence.evaluations,
+        "evaluations": forces.evaluations,
         "fields_sha256": fields_sha256(fields) if fields else "",
     }
 

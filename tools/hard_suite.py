@@ -280,16 +280,20 @@ def same_as_other(tolerance: float, length: float = 1.0, force: float = 1.0) -> 
     return compared(measure, tolerance)
 
 
-def broken(ledger: float = 1e-9, **limits: float) -> Judge:
-    """Failure with a ledger that closes; ``limits`` such as crack_x_max=10.0 hold for every row.
+def broken(ledger: float | None = 1e-9, **limits: float) -> Judge:
+    """Failure with a ledger that closes (None: of a program without one); bonds must break.
 
+    ``limits`` such as crack_x_max=10.0 hold for every row.
     With ``mirror`` = X the broken bonds are mirror images about x = X after every row, and an even number.
     """
     mirror = limits.pop("mirror", None)
 
     def measure(scene, outcome, others):
         rows = [row for row in outcome.history if row.get("broken_bonds")]
-        errors = [abs(row.get("ledger_error", 0.0)) / ledger for row in outcome.history]
+        errors = [] if rows else [np.inf]
+        if ledger is not None:
+            known = [row.get("ledger_error") for row in outcome.history]
+            errors += [np.inf if error is None else abs(error) / ledger for error in known]
         for name, limit in limits.items():
             side = 1.0 if name.endswith("max") else -1.0
             errors += [2.0 for row in rows if side * (row[name] - limit) > 1e-9]
@@ -299,9 +303,9 @@ def broken(ledger: float = 1e-9, **limits: float) -> Judge:
         last = outcome.history[-1]
         where = f", x from {last['crack_x_min']:.4g} to {last['crack_x_max']:.4g}" if last.get("broken_bonds") else ""
         got = f"{last['event']} at load factor {last['load_factor']:.6g}, {int(last['broken_bonds']):,} bonds broken"
-        return got + where, max(errors) * ledger
+        return got + where, max(errors, default=0.0) * (ledger or 1.0)
 
-    return compared(measure, ledger)
+    return compared(measure, ledger or 1.0)
 
 
 def nothing_moves() -> Judge:

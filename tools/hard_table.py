@@ -99,7 +99,7 @@ CASES = (
         "bounding box of broken bonds symmetric about x = 10 to 1e-9, even numbers, ledger to 1e-9",
         broken(mirror=10.0),
         (),
-        ("stepping.end_load_factor=0.5",),
+        ("stepping.end_load_factor=0.55",),
     ),
     Case(
         3,
@@ -140,7 +140,7 @@ CASES = (
         "fragments, ten times the load in one step",
         "fragments",
         "refused: what came apart, and how to follow it",
-        refused(NOT_CONVERGED, "broken bonds", "stepping.kind"),
+        refused(NOT_CONVERGED, "broken bonds", "came loose", "stepping.kind"),
         ("stepping={kind=\"steps\", load_factors=[10.0]}",),
     ),
     Case(
@@ -148,7 +148,7 @@ CASES = (
         "fragments, pulled by supports in one step",
         "fragments",
         "refused: what came apart, and how to follow it",
-        refused(NOT_CONVERGED, "broken bonds", "stepping.kind"),
+        refused(NOT_CONVERGED, "broken bonds", "came loose", "stepping.kind"),
         ("loads=[]", PULLED_APART, "stepping={kind=\"steps\"}"),
         None,
     ),
@@ -157,7 +157,7 @@ CASES = (
         "fragments, ramp of dead loads",
         "fragments",
         "the ramp ends where the body comes apart, below load factor 10",
-        says(broken(1.0), "came apart"),
+        says(broken(None), "came apart"),
         ("solver.kind=adr", "stepping={kind=\"ramp\", increment=1e-2, end_load_factor=10.0, report_every=50}"),
         (),
     ),
@@ -300,15 +300,13 @@ CASES = (
     *(
         Case(
             9,
-            f"rotation by {angle} degrees, {solver}",
+            f"rotation by {angle} degrees",
             "rotation",
-            "no force (1e-12 of that of a strain of 1e-2), no broken bond, and it stays there",
-            numbers(1e-12, "force", "broken", "residual", "moved"),
-            (f"solver.kind={solver}",),
+            "no force (1e-12 of that of a strain of 1e-2), no broken bond",
+            numbers(1e-12, "force", "broken"),
             program=f"rotation_{angle}",
         )
         for angle in (10, 90)
-        for solver in ("cg", "adr")
     ),
     Case(
         9,
@@ -457,7 +455,7 @@ CASES = (
         "ten times the failure load in one step",
         "twin_cracks",
         "refused: what came apart, and how to follow it",
-        refused(NOT_CONVERGED, "broken bonds", "stepping.kind"),
+        refused(NOT_CONVERGED, "broken bonds", "came loose", "stepping.kind"),
         ('stepping={kind="steps",load_factors=[6.0]}',),
         None,
     ),

@@ -237,6 +237,15 @@ class Sequence:
             return ""
         return self._moving()
 
+    def _remedy(self) -> str:
+        fitted = self.forces.model.body_fit
+        if fitted is None or fitted.fit is None or fitted.fit.signs != "free":
+            return ""
+        return (
+            " Fitted bond factors of both signs may leave a body without stable equilibrium, thin or skewed ones above "
+            'all: use peridynamics.signs = "bounded" or surface_correction = "virial".'
+        )
+
     def _moving(self) -> str:
         return (
             f"{describe_motion(self.forces.model, self.x)}, with hardly any resistance: a mechanism, or too few "
@@ -282,10 +291,7 @@ class Sequence:
                 what = "preconditioner" if gamma <= 0.0 else "stiffness"
                 reason = f"the {what} is not positive definite along a search direction: the body is unstable."
                 if gamma > 0.0 and not forces.tangent:  # whatever the load: relaxation would fare no better
-                    raise NotConverged(
-                        f"{reason} Fitted bond factors of both signs may leave a body without stable equilibrium, thin "
-                        'or skewed ones above all: use peridynamics.signs = "bounded" or surface_correction = "virial".'
-                    )
+                    raise NotConverged(f"{reason}{self._remedy()}")
                 raise Breakdown(reason)
             alpha = gamma / curvature
             self.coefficients.add(alpha, beta, gamma)

@@ -41,6 +41,8 @@ SEPARATED = 10.0
 #: Finite kinematics: a step larger than the displacements when last stable is halved, at most so often, until it
 #: stretches no bond more than this many times its critical stretch.
 MOST_STRETCH, MOST_HALVINGS = 2.0, 60
+#: So many steps in a row are cut in this way before a run gives up.
+MOST_CUTS = 100
 #: What moves that far so many times in a row, and breaks nothing, does so without end.
 MOST_ADRIFT = 3
 #: Sweeps of a relaxation that goes to the end, before breaks are looked for again; its residual must at least halve.
@@ -52,7 +54,7 @@ BRACKET, MOST_EQUILIBRIA = 1e-6, 30
 #: What ``state.program`` keeps.
 NUMBERS = (
     "work", "released", "peak", "stable", "batches", "relative", "reaction", "sweeps", "told_sweeps", "size", "adrift",
-    "apart", "fragments", "fresh",
+    "cuts", "apart", "fragments", "fresh",
 )  # fmt: skip
 
 
@@ -108,9 +110,10 @@ class _Events:
     Its numbers: external ``work`` and energy ``released`` by relaxation so far; ``peak`` of the reaction over stable
     states; whether the state is ``stable``; ``batches`` of broken bonds; ``relative`` residual and ``reaction`` at the
     last evaluation; ``sweeps`` so far, and ``told_sweeps`` at the last row; ``size`` of the displacements when last
-    stable; how often in a row something went ``adrift`` without breaking a bond; whether the body came ``apart`` under
-    a held force; whether parts ran away under their own loads before, so that such ``fragments`` are looked for; and
-    whether the last batch broke bonds or loads were taken off since (``fresh``).
+    stable; how often in a row something went ``adrift`` without breaking a bond, and steps were ``cuts``; whether the
+    body came ``apart`` under a held force; whether parts ran away under their own loads before, so that such
+    ``fragments`` are looked for; and whether the last batch broke bonds, loads were taken off since or a step was cut
+    (``fresh``).
     """
 
     def __init__(
@@ -129,8 +132,9 @@ class _Events:
         self.reporter = Reporter(self.forces, case, failure)
         self.residual, self.step = np.empty_like(state.u), np.empty_like(state.u)
         self.counted = self._evaluations()
+        self.loose: frozenset[str] = frozenset()
         if state.program.get("fragments"):
-            self._take_loads_off()
+            self._find_loads()
 
     def start(self) -> None:
         """Find the first equilibrium: at load factor 1 or, for finite kinematics, at a small load."""
@@ -181,7 +185,7 @@ class _Events:
             self._refuse_stagnation(stalled)
         program["fresh"] = float(broke > 0)
         if broke:
-            program["adrift"] = 0.0
+            program["adrift"] = program["cuts"] = 0.0
         elif program["adrift"] >= MOST_ADRIFT:
             program["apart"] = 1.0
             return 0
@@ -261,7 +265,7 @@ class _Events:
                 program["apart"] = 1.0
             return
         self._count()
-        fraction = 1.0
+        fraction, runs_away = 1.0, False
         if case.load:
             reach, size = SEPARATED * program["size"], self._size(self.step)
             if size <= reach:
@@ -272,10 +276,14 @@ class _Events:
                 program["apart"] = 1.0
                 return
             else:  # it still hangs on something, which that distance may break
-                program["adrift"] += 1.0
-                fraction = reach / size
-        if self.finite:
-            fraction = self._bearable(fraction)
+                fraction, runs_away = reach / size, True
+        wanted, fraction = fraction, self._bearable(fraction) if self.finite else fraction
+        program["cuts"] = program["cuts"] + 1.0 if fraction < wanted else 0.0
+        if program["cuts"]:
+            program["fresh"] = 1.0  # no sign of stagnation
+            self._refuse_small_steps()
+        elif runs_away:
+            program["adrift"] += 1.0
         if fraction < 1.0:
             np.multiply(self.step, fraction, out=self.step)
         if case.load:
@@ -302,28 +310,37 @@ class _Events:
         self._count()
         return fraction
 
+    def _refuse_small_steps(self) -> None:
+        if self.state.program["cuts"] > MOST_CUTS:
+            raise NotConverged(
+                f"after {self.failure.count:,} broken bonds some part turns or moves so far that {MOST_CUTS} steps in "
+                f"a row had to be cut, and breaks nothing. {self._last_breaks()}"
+            )
+
     def _let_go(self) -> bool:
         """Something runs away under a held force: loose parts lose their loads; whether there are any."""
         self.state.program["fragments"] = self.state.program["fresh"] = 1.0
         return self._take_loads_off()
 
     def _take_loads_off(self) -> bool:
-        """Parts that hang together with nothing that could balance their loads carry none; whether loads changed.
-
-        A function of the bonds that are left, so that a run taken up again finds the same.
-        """
-        model, before = self.model, self.case.external
-        self.case, parts = without_loads_on_loose_parts(model, self.whole)
-        self.reporter.case = self.case
+        """Parts that hang together with nothing that could balance their loads carry none; whether loads changed."""
+        before, told = self.case.external, self.loose
+        self._find_loads()
         changed = np.count_nonzero(self.case.external != before)
-        if not sum_integers(model.comm, np.array([changed]))[0]:
+        if not sum_integers(self.model.comm, np.array([changed]))[0]:
             return False
         self.state.program["adrift"] = 0.0
-        for part in parts[:NAMED]:
-            self.solve.note(f"after {self.failure.count:,} broken bonds loads are off what came loose: {part.text}")
-        if len(parts) > NAMED:
-            self.solve.note(f"and off {len(parts) - NAMED:,} parts more")
+        new = sorted(self.loose - told)
+        for text in new[:NAMED]:
+            self.solve.note(f"after {self.failure.count:,} broken bonds loads are off what came loose: {text}")
+        if len(new) > NAMED:
+            self.solve.note(f"and off {len(new) - NAMED:,} parts more")
         return True
+
+    def _find_loads(self) -> None:
+        """The loads that are left: a function of the bonds that are, so that a run taken up again finds the same."""
+        self.case, parts = without_loads_on_loose_parts(self.model, self.whole)
+        self.reporter.case, self.loose = self.case, frozenset(part.text for part in parts)
 
     def _settle(self) -> None:
         """Relax until the state is in equilibrium; the table of the forces is left at it."""

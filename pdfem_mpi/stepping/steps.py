@@ -8,9 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from pdfem_mpi.components import without_equilibrium
+from pdfem_mpi.components import find_loose, find_parts, without_equilibrium
 from pdfem_mpi.failure import Failure
 from pdfem_mpi.loading import LoadCase, remove_rigid_motion
+from pdfem_mpi.model import Model
 from pdfem_mpi.scene import Steps
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.state import State
@@ -42,12 +43,12 @@ def follow_steps(
             try:
                 convergence = solve(state, external, partial(watch, step))
             except NotConverged as error:
-                raise _in_pieces(failure, factor, str(error)) from error
+                raise _in_pieces(forces.model, case, failure, factor, str(error)) from error
             program["evaluations"] = program.get("evaluations", 0) + convergence.evaluations
             if failure is None or not break_bonds(solve, failure, state, external):
                 break
-            if case.load and (torn := without_equilibrium(forces.model, case.fixed, external)[1]):
-                raise _in_pieces(failure, factor, f"loads carry away what came loose, {torn[0].text}.")
+            if case.load and without_equilibrium(forces.model, case.fixed, external)[1]:
+                raise _in_pieces(forces.model, case, failure, factor, "")
             pauses.between(state)
         remove_rigid_motion(forces.model, case, state.u)
         state.step, state.load_factor = step, factor
@@ -55,10 +56,15 @@ def follow_steps(
         yield reporter.report(state, "step", replace(convergence, evaluations=evaluations))
 
 
-def _in_pieces(failure: Failure | None, factor: float, reason: str) -> NotConverged:
-    """The end of a step, with what was broken before it."""
+def _in_pieces(model: Model, case: LoadCase, failure: Failure | None, factor: float, reason: str) -> NotConverged:
+    """The end of a step, with what broke and came loose before it. Collective."""
     if failure is None or not failure.count:
         return NotConverged(reason)
+    parts = find_parts(model)
+    loose = find_loose(model, parts, case.fixed) if parts.count > 1 else ()
+    if loose:
+        more = f", and {len(loose) - 1:,} parts more" if len(loose) > 1 else ""
+        reason = f"parts of the body came loose, {loose[0].text}{more}."
     return NotConverged(
         f"at load factor {factor:.6g}, after {failure.count:,} broken bonds, no equilibrium was found: {reason} Use "
         'smaller steps, or follow failure from break to break: stepping.kind = "events" with solver.kind = "cg".'

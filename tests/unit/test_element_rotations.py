@@ -12,7 +12,7 @@ from verification.bodies import make_scene
 
 @pytest.mark.parametrize("degrees", [0.0, 1.0, 10.0, 90.0, 170.0])
 def test_a_rigid_rotation_is_found_exactly(degrees):
-    """About any axis; strain on top of it does not count."""
+    """About any axis; a uniform strain is none."""
     discretization = discretize(make_scene((3, 2, 2), 2))
     x = discretization.mesh.nodes[discretization.node_number >= 0]
     axis, angle = np.array([2.0, -1.0, 2.0]) / 3.0, math.radians(degrees)

@@ -1,6 +1,7 @@
 """Which bonds break and when, the books of those that broke, and breaking them again on other ranks."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,8 +9,10 @@ from scipy.integrate import quad
 
 from pdfem_mpi import failure as failure_module
 from pdfem_mpi.deck import DeckError, parse_deck
+from pdfem_mpi.discretization import discretize
 from pdfem_mpi.failure import UNBREAKABLE, critical_stretches, describe_criterion, make_failure
 from pdfem_mpi.kernels.exact_sums import BITS
+from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.scene import Material, Peridynamics, Region
 from pdfem_mpi.solvers.blocks import inverted, point_blocks
 from verification.bodies import build, make_scene
@@ -123,6 +126,16 @@ def test_digits_of_the_dissipated_energy_stay_small():
     digits = run.failure.dissipated_digits[:-2]
     assert ((digits >= 0) & (digits < 2**BITS)).all()
     assert (digits > 0).sum() >= 2
+
+
+def test_long_elements_far_away_do_not_lengthen_what_is_near():
+    """The mean edge is that of the cells with bonds."""
+    discretization = discretize(make_scene((9, 3, 2), 4))
+    nodes = discretization.mesh.nodes.copy()
+    nodes[:, 0] = np.where(nodes[:, 0] < 2.0, 2.0 + 8.0 * (nodes[:, 0] - 2.0), nodes[:, 0])
+    longer = replace(discretization, mesh=HexMesh(nodes, discretization.mesh.cells))
+    assert longer.mesh.average_edge > 1.2 * discretization.mesh.average_edge
+    assert failure_module._mean_edge(longer) == failure_module._mean_edge(discretization)
 
 
 # --- breaking again

@@ -184,6 +184,20 @@ def test_what_comes_loose_loses_its_load(capsys, kinematics):
         assert abs(row.ledger_error) <= 100.0 * CLOSED  # of the work up to the neck's break, a hundred times smaller
 
 
+def test_a_program_taken_up_again_keeps_its_counts(capsys):
+    """Which loads are off is found anew, nothing else: neither what is adrift nor what was told."""
+    run = failing(chipped(report_every=1))
+    for _ in run.follow():
+        if "loads are off" in capsys.readouterr().out:
+            break
+    state = run.body.state
+    state.program["adrift"] = 2.0
+    books = events._Events(run.body.scene.stepping, run.solve, run.failure, state, run.body.case, lambda *told: None)
+    assert books.case.load < run.body.case.load
+    assert state.program["adrift"] == 2.0
+    assert capsys.readouterr().out == ""
+
+
 def test_load_that_stretches_nothing_is_named():
     """Compression along x with the sides held: no bond that may break is stretched."""
     squeezed = (
