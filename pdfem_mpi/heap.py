@@ -3,7 +3,7 @@
 The GNU malloc takes small arrays from its heap and large ones from the system. Once a large array was freed, it takes
 arrays of that size from the heap, where a small one that lives behind them keeps their pages. Set-up frees many arrays
 that it needs once; with this, their pages go back at once, and those of the bonds come instead. In the loops of a
-solver the heap is the better place: a page from the system is cleared first.
+solver, and of a fit, the heap is the better place: a page from the system is cleared first.
 """
 
 from __future__ import annotations
@@ -19,17 +19,36 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 APART, OTHERWISE = 1 << 18, 32 << 20
 
 
+_thresholds = [OTHERWISE]  # of the contexts entered, the innermost last
+
+
 @contextlib.contextmanager
 def large_arrays_apart() -> Iterator[None]:
     """Give arrays pages of their own, which the system has back when they are freed."""
-    _set(APART, APART)
+    with _entered(APART):
+        yield
+
+
+@contextlib.contextmanager
+def large_arrays_together() -> Iterator[None]:
+    """Take arrays from the heap again, within `large_arrays_apart`: for loops that make arrays at every turn."""
+    with _entered(OTHERWISE):
+        yield
+
+
+@contextlib.contextmanager
+def _entered(threshold: int) -> Iterator[None]:
+    _thresholds.append(threshold)
+    _set(threshold)
     try:
         yield
     finally:
-        _set(OTHERWISE, 2 * OTHERWISE)
+        _thresholds.pop()
+        _set(_thresholds[-1])
 
 
-def _set(threshold: int, trim: int) -> None:
+def _set(threshold: int) -> None:
+    trim = threshold if threshold == APART else 2 * threshold
     with contextlib.suppress(AttributeError, OSError, TypeError):
         mallopt = ctypes.CDLL(None).mallopt
         mallopt(_MMAP_THRESHOLD, threshold)

@@ -13,6 +13,7 @@ from pdfem_mpi.body_fit import BodyFit, fit_body
 from pdfem_mpi.bonds import Bonds, Points, cut_bonds, fictitious_masses, make_bonds, pattern_for, perturbed
 from pdfem_mpi.damage import family_weights
 from pdfem_mpi.discretization import Discretization, ModelUnits
+from pdfem_mpi.heap import large_arrays_together
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_positions, gauss_volumes
 from pdfem_mpi.images import Images, MirroredHalo
 from pdfem_mpi.kernels.finite_elements import (
@@ -229,7 +230,8 @@ def build_model(
         if correction == "fitted":
             bonds, _ = make_bonds(*settings, "none")
             signs = scene.peridynamics.signs
-            bonds, body_fit = fit_body(comm, discretization, subdomain, points, bonds, signs, fits)
+            with large_arrays_together():
+                bonds, body_fit = fit_body(comm, discretization, subdomain, points, bonds, signs, fits)
         if body_fit is None or body_fit.fit is None:
             bonds, remaining = make_bonds(*settings, "virial" if body_fit else correction)
         if scene.peridynamics.stiffness_noise:
