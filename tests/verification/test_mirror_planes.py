@@ -388,7 +388,8 @@ def test_the_quarter_deck_is_a_quarter_of_the_plate(tmp_path):
     for part, n in ((quarter, 4), (eighth, 8)):
         assert part["counts"]["points"] * n == whole["counts"]["points"]
         assert 1.0 <= part["counts"]["undirected_bonds"] * n / whole["counts"]["undirected_bonds"] < 1.01
-        assert part["solve"]["evaluations"] == whole["solve"]["evaluations"]
+        # 1e-11 is near the round-off of residuals, 3e-12, another one in the whole: it may take one step more
+        assert abs(part["solve"]["evaluations"] - whole["solve"]["evaluations"]) <= 1
         for name in ("right_end", "bottom_of_hole"):
             expected = np.array(whole["probes"][name])
             assert np.abs(np.array(part["probes"][name]) - expected).max() <= 10 * SOLVED * np.abs(expected).max()
