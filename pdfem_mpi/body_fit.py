@@ -1,7 +1,7 @@
-"""From a discretized body to fitted bonds: its boundary, area vectors, slack, background grid, and fits done before.
+"""From discretized bodies to fitted bonds: boundaries, area vectors, slack, background grids, and fits done before.
 
 A body that is somewhere one cell thick has no positive fit, and its free one is unstable; other fits may end far from
-their equations. Such bodies get the correction by the virial stress instead, and the run says why.
+their equations. Such a scene gets the correction by the virial stress instead, and the run says why.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from pdfem_mpi.bond_factors import Fit, fit_factors, write_factors
 from pdfem_mpi.bonds import Bonds, Points
 from pdfem_mpi.boundary_areas import Boundary, area_vectors, find_boundary, restore_compatibility
 from pdfem_mpi.discretization import Discretization
-from pdfem_mpi.factor_grid import make_factor_grid
+from pdfem_mpi.factor_grid import MOST_ENTRIES, make_factor_grid
+from pdfem_mpi.fitted_bodies import meets_another
 from pdfem_mpi.hex8 import gauss_positions
 from pdfem_mpi.kernels.bond_factors import N
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mesh.quality import CORNERS
 from pdfem_mpi.parallel.comm import broadcast, gather_rows
-from pdfem_mpi.scene import SceneError
 from pdfem_mpi.subdomain import Subdomain
 
 #: Counts up whenever the algorithm gives other numbers: fits of before are not used again.
-VERSION = 3
+VERSION = 4
 #: Sweeps over the bonds that a fit takes on bodies of cubes, and bonds a second and core, all work between included.
 EXPECTED_SWEEPS, SWEEP_RATE = {"free": 200, "bounded": 290}, 7.5e7
 #: A residual above this is told, and above that a fit does not serve: a few of its factors are hundreds and more.
@@ -39,23 +39,26 @@ SQUARE = 1e-6
 
 @dataclass(frozen=True)
 class BodyFit:
-    """Outcome for a body.
+    """Outcome for the bodies of a scene.
 
     Attributes
     ----------
     fit : Fit or None
-        None where the body is too thin, or the fit too far off: "virial" has to serve.
+        None where a body is too thin, or the fit too far off: "virial" has to serve.
     notes : tuple of str
         What a user should know.
     reused : bool
         An earlier fit was found.
     fingerprint : str
+    n_bodies : int
+        Fitted each by itself.
     """
 
     fit: Fit | None
     notes: tuple[str, ...]
     reused: bool
     fingerprint: str
+    n_bodies: int
 
 
 def fit_body(
@@ -77,23 +80,17 @@ def fit_body(
     folders : paths
         Where fits are looked for and left; used on rank 0.
 
-    Raises
-    ------
-    SceneError
-        Several materials, a boundary that is not closed, cells inside out, several pieces.
     """
-    mesh, chosen = discretization.mesh, discretization.has_points
-    modulus = _only_modulus(discretization)
-    boundary = find_boundary(mesh, discretization.nodes, chosen)
-    thin = thin_cells(boundary, len(chosen))
+    mesh, materials = discretization.mesh, discretization.materials
     key = fingerprint(discretization, signs, bonds.finite)
-    if thin.any():
-        where = ", ".join(f"{c:.6g}" for c in mesh.centroids[np.flatnonzero(thin)[0]])
+    if len(discretization.thin):
+        where = ", ".join(f"{c:.6g}" for c in mesh.centroids[discretization.thin[0]])
         note = (
-            f'peridynamics.surface_correction = "fitted" needs two cells of thickness; {np.count_nonzero(thin)} of '
-            f'{np.count_nonzero(chosen)} cells with bonds have less, the first at ({where}). Using "virial" instead.'
+            f'peridynamics.surface_correction = "fitted" needs two cells of thickness; {len(discretization.thin)} of '
+            f'{discretization.n_point_cells} cells with bonds have less, the first at ({where}). Using "virial" '
+            "instead."
         )
-        return bonds, BodyFit(None, (note,), False, key)
+        return bonds, BodyFit(None, (note,), False, key, discretization.n_bodies)
 
     cells = np.concatenate([subdomain.free, subdomain.overlap])
     found = broadcast(comm, factor_cache.load(folders, key) if comm.rank == 0 else None)
@@ -103,23 +100,23 @@ def fit_body(
         multipliers = [
             np.ascontiguousarray(rows.reshape(-1, 2, W, N)[number].swapaxes(2, 3)).reshape(-1, N, W) for rows in stored
         ]
-        bonds = write_factors(comm, points, bonds, multipliers, signs == "bounded")
-        return bonds, _outcome(Fit(**report), True, key)
+        bonds = write_factors(comm, points, bonds, materials.youngs_modulus, multipliers, signs == "bounded")
+        return bonds, _outcome(Fit(**report), True, key, discretization.n_bodies)
 
+    boundary = find_boundary(mesh, discretization.nodes, discretization.body)
     areas, change = compatible_areas(discretization, boundary)
-    slack = np.zeros((len(chosen), 8), bool)
+    slack = np.zeros((len(mesh.cells), 8), bool)
     if signs == "bounded":
         slack[skewed_corners(discretization, boundary)] = True
     slack = slack[cells].reshape(-1)
-    lower, upper = _box(discretization)
-    edge = discretization.mesh.mean_edge / discretization.units.length
 
-    def make_grid(omega):
-        return make_factor_grid(comm, points, lower, upper, edge, discretization.cutoff, slack, omega, modulus)
+    def make_grids(omega):
+        return list(_make_grids(comm, discretization, cells, points, slack, omega))
 
     bonds, fit, multipliers = fit_factors(
-        comm, points, bonds, areas[cells].reshape(-1, 3), slack, signs == "bounded", make_grid, change, modulus
-    )
+        comm, points, bonds, materials.youngs_modulus, areas[cells].reshape(-1, 3), slack, signs == "bounded",
+        make_grids, change,
+    )  # fmt: skip
     if folders:
         number = points.cell_number[: points.n_owned]
         n_cells = discretization.n_point_cells
@@ -127,10 +124,26 @@ def fit_body(
         stored = [gather_rows(comm, number, part, n_cells) for part in rows]
         if comm.rank == 0:
             factor_cache.store(folders, key, asdict(fit), stored)
-    return bonds, _outcome(fit, False, key)
+    return bonds, _outcome(fit, False, key, discretization.n_bodies)
 
 
-def _outcome(fit: Fit, reused: bool, key: str) -> BodyFit:
+def _make_grids(comm, discretization: Discretization, cells: np.ndarray, points: Points, slack: np.ndarray, omega):
+    """Each body's clusters among the owned ones, and its background grid. Collective."""
+    mesh, body, n_bodies = discretization.mesh, discretization.body, discretization.n_bodies
+    edge = mesh.mean_edge / discretization.units.length
+    n = 8 * points.n_owned
+    x, volume, slack = points.x[: 3 * n].reshape(-1, 3 * W), points.volume[:n].reshape(-1, W), slack.reshape(-1, W)
+    for number in range(n_bodies):
+        nodes = discretization.nodes[np.unique(mesh.cells[body == number])]
+        clusters = slice(None) if n_bodies == 1 else np.flatnonzero(np.repeat(body[cells] == number, 2))
+        own = (part[clusters].reshape(-1) for part in (x, volume))
+        box = nodes.min(axis=0), nodes.max(axis=0)
+        yield clusters, make_factor_grid(
+            comm, *own, *box, edge, discretization.cutoff, slack[clusters].reshape(-1), omega, MOST_ENTRIES / n_bodies
+        )
+
+
+def _outcome(fit: Fit, reused: bool, key: str, n_bodies: int) -> BodyFit:
     """What a fit is good for."""
     if not fit.residual <= USELESS:
         note = (
@@ -138,22 +151,8 @@ def _outcome(fit: Fit, reused: bool, key: str) -> BodyFit:
             f'{fit.residual:.2g}, the largest factor {fit.largest_factor:.4g}. Using "virial" instead. More cells of '
             "thickness or more even cells help."
         )
-        return BodyFit(None, (note,), reused, key)
-    return BodyFit(fit, _remarks(fit), reused, key)
-
-
-def _only_modulus(discretization: Discretization) -> float:
-    """Young's modulus of the one material of the cells with points, model units."""
-    found = np.unique(discretization.material[discretization.has_points])
-    if len(found) > 1:
-        names = " and ".join(discretization.materials.names[k] for k in found)
-        raise SceneError(
-            [
-                f'peridynamics.surface_correction = "fitted" fits bodies of one material, and cells with bonds, the '
-                f'overlap among them, are of {names}. Use "virial", or let interfaces lie outside of peridynamics.'
-            ]
-        )
-    return float(discretization.materials.youngs_modulus[found[0]])
+        return BodyFit(None, (note,), reused, key, n_bodies)
+    return BodyFit(fit, _remarks(fit), reused, key, n_bodies)
 
 
 def _remarks(fit: Fit) -> tuple[str, ...]:
@@ -172,48 +171,47 @@ def _remarks(fit: Fit) -> tuple[str, ...]:
 
 
 def fingerprint(discretization: Discretization, signs: str, finite: bool) -> str:
-    """Hexadecimal name of a fit: everything it depends on. Young's modulus and the unit of length are not among it."""
+    """Hexadecimal name of a fit: everything it depends on. The units of stress and length are not among it."""
     mesh, chosen = discretization.mesh, discretization.has_points
     digest = hashlib.sha256(f"{VERSION} {signs} {finite} {discretization.cutoff!r}".encode())
-    digest.update(f"{_only_modulus(discretization)!r}".encode())
+    moduli = discretization.youngs_modulus[chosen]
+    digest.update(np.unique(moduli).tobytes() if discretization.n_bodies == 1 else moduli.tobytes())
+    digest.update(np.ascontiguousarray(discretization.body[chosen]).tobytes())
     digest.update(np.ascontiguousarray(discretization.nodes[mesh.cells[chosen]]).tobytes())
     digest.update(np.ascontiguousarray(mesh.cells[chosen], np.int64).tobytes())
-    digest.update(np.ascontiguousarray(_beside_elements(discretization)).tobytes())
+    digest.update(np.ascontiguousarray(_beside_others(discretization)).tobytes())
     return digest.hexdigest()
 
 
-def _box(discretization: Discretization) -> tuple[np.ndarray, np.ndarray]:
-    nodes = discretization.nodes[np.unique(discretization.mesh.cells[discretization.has_points])]
-    return nodes.min(axis=0), nodes.max(axis=0)
-
-
-def _beside_elements(discretization: Discretization) -> np.ndarray:
-    """Cells with points that touch a cell without: bool, shape (n_cells,)."""
-    return discretization.has_points & discretization.mesh.neighbours(~discretization.has_points)
+def _beside_others(discretization: Discretization) -> np.ndarray:
+    """Cells with points that touch a cell without, or of another body: bool, shape (n_cells,)."""
+    mesh, body = discretization.mesh, discretization.body
+    touch = mesh.neighbours(body < 0)
+    if discretization.n_bodies > 1:
+        touch |= meets_another(mesh, body)
+    return discretization.has_points & touch
 
 
 def compatible_areas(discretization: Discretization, boundary: Boundary) -> tuple[np.ndarray, float]:
-    """Area vectors of all cells' points, shape (n_cells, 8, 3), model units; and the relative change they needed.
+    """Area vectors of all cells' points, shape (n_cells, 8, 3), model units; and the largest change a body needed.
 
-    Those beside cells without points stay: there the elements' nodal forces are the same integrals.
+    Those beside cells without points, or of another body, stay: there the nodal forces are the same integrals.
     """
     n_cells = len(discretization.has_points)
     areas = area_vectors(boundary, n_cells)
-    cells = np.unique(boundary.cell)
-    x = gauss_positions(discretization.nodes[discretization.mesh.cells[cells]]).reshape(-1, 3)
-    own = areas[cells].reshape(-1, 3)
-    used = (own != 0.0).any(axis=1)
-    changeable = np.repeat(~_beside_elements(discretization)[cells], 8)[used]
-    own[used], change = restore_compatibility(x[used], own[used], changeable)
-    areas[cells] = own.reshape(-1, 8, 3)
-    return areas, change
-
-
-def thin_cells(boundary: Boundary, n_cells: int) -> np.ndarray:
-    """Cells with two opposite faces on the boundary; bool, shape (n_cells,)."""
-    count = np.zeros((n_cells, 3), np.int64)
-    np.add.at(count, (boundary.cell, boundary.side // 2), 1)
-    return (count == 2).any(axis=1)
+    beside, largest_change = _beside_others(discretization), 0.0
+    for number in range(discretization.n_bodies):
+        cells = np.unique(boundary.cell[discretization.body[boundary.cell] == number])
+        x = gauss_positions(discretization.nodes[discretization.mesh.cells[cells]]).reshape(-1, 3)
+        own = areas[cells].reshape(-1, 3)
+        used = (own != 0.0).any(axis=1)
+        changeable = np.repeat(~beside[cells], 8)[used]
+        if not changeable.any():  # a body all inside others: what it cannot balance goes to the nodes around it
+            changeable[:] = True
+        own[used], change = restore_compatibility(x[used], own[used], changeable)
+        areas[cells] = own.reshape(-1, 8, 3)
+        largest_change = max(largest_change, change)
+    return areas, largest_change
 
 
 def skewed_corners(discretization: Discretization, boundary: Boundary) -> np.ndarray:

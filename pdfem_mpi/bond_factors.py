@@ -171,31 +171,31 @@ def fit_factors(
     comm,
     points: Points,
     bonds: Bonds,
+    modulus: np.ndarray,
     areas: np.ndarray,
     slack: np.ndarray,
     bounded: bool,
-    make_grid: Callable[[float], FactorGrid],
+    make_grids: Callable[[float], list[tuple[np.ndarray | slice, FactorGrid]]],
     compatibility_change: float,
-    modulus: float = 1.0,
 ) -> tuple[Bonds, Fit, list[np.ndarray]]:
-    """Fit the factors of a body and write them into its bonds. Collective.
+    """Fit the factors of bodies and write them into their bonds. Collective.
 
     Parameters
     ----------
     bonds : Bonds
         Without correction; the stored numbers are overwritten.
+    modulus : float64, shape (n_materials,)
+        Young's moduli in model units.
     areas : float64, shape (n_owned * 8, 3), dimension length^2
         Compatible area vectors of the owned points.
     slack : bool, shape (n_owned * 8,)
         Points that may miss their targets a little.
     bounded : bool
         Positive factors only.
-    make_grid : callable
-        Background grid for a weight of the slack.
+    make_grids : callable
+        From a weight of the slack to each body's clusters among the owned ones, and its background grid.
     compatibility_change : float
         Of the area vectors, for the report.
-    modulus : float
-        Young's modulus of the bonds in model units.
 
     Returns
     -------
@@ -205,9 +205,9 @@ def fit_factors(
     multipliers : list of float64, shape (n_clusters, 10, 4)
         Those of the fit, then those that undo the rounding; `write_factors` makes the same bonds from them.
     """
-    operator = Operator(comm, points, bonds)
-    goal = modulus * targets(areas)
-    equations = _Equations(operator, goal, bounded, slack, make_grid)
+    operator = Operator(comm, points, bonds, modulus)
+    goal = targets(areas)
+    equations = _Equations(operator, goal, bounded, slack, make_grids)
     v, turns = equations.solve_bounded() if bounded else (equations.solve_free(), 1)
     multipliers = [v]
     held, smallest, top = operator.write(v, START, bounded)
@@ -245,9 +245,11 @@ def fit_factors(
     return operator.bonds, fit, multipliers
 
 
-def write_factors(comm, points: Points, bonds: Bonds, multipliers: list[np.ndarray], bounded: bool) -> Bonds:
+def write_factors(
+    comm, points: Points, bonds: Bonds, modulus: np.ndarray, multipliers: list[np.ndarray], bounded: bool
+) -> Bonds:
     """Write the factors of an earlier fit into bonds without correction: the same bits. Collective."""
-    operator = Operator(comm, points, bonds)
+    operator = Operator(comm, points, bonds, modulus)
     operator.write(multipliers[0], START, bounded)
     for v, fraction in zip(multipliers[1:], LONG_BONDS, strict=False):
         operator.write(v, 1.0, bounded, _nearest(bonds, fraction))
@@ -276,7 +278,7 @@ def _undo_rounding(operator: Operator, miss: np.ndarray, nearest: float) -> tupl
 class _Equations:
     """The ten equations of every point, linearised about some multipliers."""
 
-    def __init__(self, operator: Operator, goal: np.ndarray, bounded: bool, slack: np.ndarray, make_grid):
+    def __init__(self, operator: Operator, goal: np.ndarray, bounded: bool, slack: np.ndarray, make_grids):
         self.operator, self.goal, self.bounded, self.comm = operator, goal, bounded, operator.comm
         self.slack = slack
         self.in_slack = np.ascontiguousarray(np.broadcast_to(slack.reshape(-1, 1, W), goal.shape))
@@ -286,7 +288,7 @@ class _Equations:
         n_points, n_slack = sum_integers(self.comm, np.array([slack.size, np.count_nonzero(slack)])).tolist()
         self.omega = SLACK * total / (N * n_points) if n_slack else 0.0
         self.blocks = inverse_blocks(sums, np.where(slack, self.omega, 0.0))
-        self.grid = make_grid(self.omega)
+        self.grids = make_grids(self.omega)
 
     def solve_free(self) -> np.ndarray:
         """Multipliers whose factors have any sign: one linear solve."""
@@ -335,5 +337,8 @@ class _Equations:
         z = np.empty_like(r)
         multiply_blocks(self.blocks, r.reshape(-1), z.reshape(-1))
         quantum, _ = pattern_for(64.0 * size_of(self.comm, r))
-        self.grid.add_correction(self.comm, r, quantum, z)
+        for clusters, grid in self.grids:
+            part = z[clusters]
+            grid.add_correction(self.comm, r[clusters], quantum, part)
+            z[clusters] = part
         return z

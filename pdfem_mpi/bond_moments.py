@@ -26,17 +26,26 @@ ROOTS = np.sqrt(MULTIPLICITY)[:, None]
 class Operator:
     """The bonds of the owned points as sums over ten multipliers a point; methods are collective.
 
+    Parameters
+    ----------
+    comm, points, bonds
+    modulus : float64, shape (n_materials,)
+        Young's moduli of the materials, model units.
+
     Attributes
     ----------
     bonds : Bonds
         Their stored numbers are read, marked, and (by `write`) multiplied.
+    modulus : float64, shape (n_clusters, 1, 1)
+        Young's modulus of the bonds of the owned points: sums are for bonds of modulus 1.
     sweeps : int
         Made so far.
     """
 
-    def __init__(self, comm, points: Points, bonds: Bonds):
+    def __init__(self, comm, points: Points, bonds: Bonds, modulus: np.ndarray):
         self.comm, self.points, self.bonds = comm, points, bonds
         self.n = 2 * points.n_owned
+        self.modulus = np.repeat(modulus[points.material[: points.n_owned]], 2).reshape(-1, 1, 1)
         self.T = np.zeros((points.n_clusters, ROWS, W))
         self.T[:, 0:3] = points.x.reshape(-1, 3, W)
         self.TI = self.T.view(np.int64)
@@ -127,7 +136,7 @@ class Operator:
 
     def _sums(self, quantum: float) -> np.ndarray:
         self.points.halo.scatter_reverse(self.TI.reshape(-1, 2, ROWS, W)[:, :, 13:23])
-        return self.TI[: self.n, 13:23] * quantum
+        return self.TI[: self.n, 13:23] * quantum / self.modulus
 
 
 def inverse_blocks(sums: np.ndarray, pinned: np.ndarray) -> np.ndarray:

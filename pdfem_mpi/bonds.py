@@ -47,6 +47,8 @@ class Points:
         None without mirror planes.
     n_numbers : int
         Cells with points in the whole mesh; needed with images.
+    body : int32, shape (n_cells,), or None
+        Body of each local cell, where there are several: no bonds between them.
     """
 
     n_free: int
@@ -58,6 +60,7 @@ class Points:
     halo: Halo | MirroredHalo
     images: Images | None = None
     n_numbers: int = 0
+    body: np.ndarray | None = None
 
     @property
     def cell_key(self) -> np.ndarray:
@@ -200,6 +203,16 @@ def find_bonds(points: Points, cutoff: float, finite: bool) -> tuple[Rows, Rows]
     return tuple(found)
 
 
+def _within_bodies(points: Points, rows: Rows, finite: bool) -> Rows:
+    """The rows of points against clusters of their own body."""
+    n = np.diff(rows.start)
+    own, other = np.repeat(np.arange(len(n)) // (2 * W), n), rows.offset[:-1] // np.uint32(2 * 9 * W)
+    keep = points.body[own] == points.body[other]
+    start = np.concatenate([[0], np.cumsum(keep)])[rows.start]
+    offset = np.append(rows.offset[:-1][keep], np.uint32(0))
+    return Rows(start, offset, np.zeros(len(offset) * (2 * W if finite else W), np.float32))
+
+
 def make_bonds(
     comm, points: Points, materials: MaterialTable, cutoff: float, finite: bool, correction: str
 ) -> tuple[Bonds, float]:
@@ -220,6 +233,8 @@ def make_bonds(
         Largest ``|G / g_inf - 1|`` before the last update, of the virial stress ``|S / E - 1|``; 0 without correction.
     """
     interior, boundary = find_bonds(points, cutoff, finite)
+    if points.body is not None:
+        interior, boundary = (_within_bodies(points, rows, finite) for rows in (interior, boundary))
     of_point = np.zeros(points.n_clusters * W, np.int64)
     at_cluster = np.zeros(points.n_clusters, np.int64)
     for rows in (interior, boundary):

@@ -1,5 +1,6 @@
 """The boundary of a body of hexahedra: its faces, the area vectors of its collocation points, and their compatibility.
 
+A body is what hangs together and has one stiffness; where two meet, the common face belongs to the boundary of both.
 The area vector of a point is ``N(i) = int L_i n dA`` over the body's boundary, with ``L_i`` the trilinear function of
 a cell that is 1 at Gauss point i and 0 at the other seven. A uniform stress ``sigma`` pulls at the body's points with
 ``sigma N(i)``.
@@ -43,7 +44,7 @@ _FACE_POINTS = _FACE_CORNERS / np.sqrt(3.0)
 
 @dataclass(frozen=True)
 class Boundary:
-    """Boundary faces of a body.
+    """Boundary faces of bodies, each of one cell.
 
     Attributes
     ----------
@@ -60,19 +61,37 @@ class Boundary:
     areas: np.ndarray
 
 
-def find_boundary(mesh: HexMesh, nodes: np.ndarray, chosen: np.ndarray) -> Boundary:
-    """Faces of the chosen cells that no other chosen cell shares.
+@dataclass(frozen=True)
+class Faces:
+    """How the faces of some cells meet; a face is counted as ``6 k + side``, k counting the chosen cells.
+
+    Attributes
+    ----------
+    cells : int64, shape (n_chosen,)
+        The chosen cells of the mesh.
+    one, two : int64, shape (n_pairs,)
+        Faces that are the same face.
+    alone : int64, shape (n_alone,)
+        Faces that no other chosen cell shares.
+    """
+
+    cells: np.ndarray
+    one: np.ndarray
+    two: np.ndarray
+    alone: np.ndarray
+
+
+def match_faces(mesh: HexMesh, chosen: np.ndarray) -> Faces:
+    """Find which faces of the chosen cells are the same.
 
     Parameters
     ----------
-    nodes : float64, shape (n_nodes, 3)
-        Positions, in any unit.
     chosen : bool, shape (n_cells,)
 
     Raises
     ------
     SceneError
-        Faces with more than two cells, cells whose common face both see from the same side, several pieces.
+        Faces with more than two cells, cells whose common face both see from the same side.
     """
     cells = np.flatnonzero(chosen)
     corners = mesh.cells[cells][:, FACES].reshape(-1, 4).astype(np.int64)
@@ -99,21 +118,84 @@ def find_boundary(mesh: HexMesh, nodes: np.ndarray, chosen: np.ndarray) -> Bound
             f"mesh: {np.count_nonzero(turned)} faces are seen from the same side by both of their cells, the first by "
             f"cell {_places(mesh, cells[one[turned] // 6])}: one of each is inside out. Give its nodes in VTK order."
         )
-    n_pieces, piece = connected_components(
-        coo_array((np.ones(len(one)), (one // 6, two // 6)), shape=(len(cells),) * 2), directed=False
-    )
-    if n_pieces > 1:
-        small = np.argsort(np.bincount(piece), kind="stable")[:-1]
-        starts = cells[[np.flatnonzero(piece == p)[0] for p in small[:LISTED]]]
-        messages.append(
-            f'peridynamics.surface_correction = "fitted" fits one body at a time, and the cells with bonds form '
-            f"{n_pieces} pieces that share no face; the smaller ones begin with cell {_places(mesh, starts)}. "
-            'Let them touch, simulate them one by one, or use "virial".'
-        )
     if messages:
         raise SceneError(messages)
-    alone = np.flatnonzero(count[group] == 1)
-    cell, side = cells[alone // 6], alone % 6
+    return Faces(cells, one, two, np.flatnonzero(count[group] == 1))
+
+
+def refuse_pieces(mesh: HexMesh, faces: Faces) -> None:
+    """Check that the cells hang together by their faces.
+
+    Raises
+    ------
+    SceneError
+        They form several pieces.
+    """
+    n_pieces, piece = _connected(len(faces.cells), faces.one // 6, faces.two // 6)
+    if n_pieces == 1:
+        return
+    small = np.argsort(np.bincount(piece), kind="stable")[:-1]
+    starts = faces.cells[[np.flatnonzero(piece == p)[0] for p in small[:LISTED]]]
+    raise SceneError(
+        [
+            f'peridynamics.surface_correction = "fitted" fits bodies that hang together, and the cells with bonds '
+            f"form {n_pieces} pieces that share no face; the smaller ones begin with cell {_places(mesh, starts)}. "
+            'Let them touch, simulate them one by one, or use "virial".'
+        ]
+    )
+
+
+def find_bodies(faces: Faces, kind: np.ndarray) -> np.ndarray:
+    """Number the bodies: cells of one kind that hang together by their faces.
+
+    Parameters
+    ----------
+    faces : Faces
+    kind : int, shape (n_cells,)
+        -1 for cells of no body.
+
+    Returns
+    -------
+    int32, shape (n_cells,)
+        Bodies in the order of their first cells; -1 for cells of none.
+    """
+    of_cell = kind[faces.cells]
+    one, two = faces.one // 6, faces.two // 6
+    same = of_cell[one] == of_cell[two]
+    _, label = _connected(len(of_cell), one[same], two[same])
+    chosen = of_cell >= 0
+    values, first, label = np.unique(label[chosen], return_index=True, return_inverse=True)
+    rank = np.empty(len(values), np.int32)
+    rank[np.argsort(first)] = np.arange(len(values))
+    body = np.full(len(kind), -1, np.int32)
+    body[faces.cells[chosen]] = rank[label]
+    return body
+
+
+def _connected(n: int, one: np.ndarray, two: np.ndarray) -> tuple[int, np.ndarray]:
+    return connected_components(coo_array((np.ones(len(one)), (one, two)), shape=(n, n)), directed=False)
+
+
+def find_boundary(mesh: HexMesh, nodes: np.ndarray, body: np.ndarray) -> Boundary:
+    """Faces of the cells of bodies that no other cell of the same body shares.
+
+    Parameters
+    ----------
+    nodes : float64, shape (n_nodes, 3)
+        Positions, in any unit.
+    body : int, shape (n_cells,)
+        Number of each cell's body, -1 for cells of none.
+
+    Raises
+    ------
+    SceneError
+        As `match_faces`.
+    """
+    faces = match_faces(mesh, body >= 0)
+    number = body[faces.cells]
+    between = number[faces.one // 6] != number[faces.two // 6]
+    outer = np.sort(np.concatenate([faces.alone, faces.one[between], faces.two[between]]))
+    cell, side = faces.cells[outer // 6], outer % 6
     return Boundary(cell, side, _face_areas(nodes, mesh.cells[cell], side))
 
 

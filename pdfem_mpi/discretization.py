@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
+from pdfem_mpi.fitted_bodies import find_fitted_bodies, same_bonds
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.materials import MaterialTable, material_table
 from pdfem_mpi.mesh import generators, named_sets
@@ -74,6 +75,10 @@ class Discretization:
         Cells with collocation points: peridynamic cells and the overlap.
     is_overlap : bool, shape (n_cells,)
         Cells with points whose displacements are interpolated from nodes (eq. 25).
+    body : int32, shape (n_cells,)
+        Body of each cell with points, no bonds between two bodies (see `fitted_bodies`); -1 for other cells.
+    thin : int64, shape (n_thin,)
+        Cells at which a body whose factors should be fitted is too thin for it.
     has_stiffness : bool, shape (n_cells,)
         Cells whose element has an internal force (eqs 15, 16).
     point_cell_number : int64, shape (n_cells,)
@@ -95,6 +100,8 @@ class Discretization:
     materials: MaterialTable
     has_points: np.ndarray
     is_overlap: np.ndarray
+    body: np.ndarray
+    thin: np.ndarray
     has_stiffness: np.ndarray
     point_cell_number: np.ndarray
     node_number: np.ndarray
@@ -105,6 +112,11 @@ class Discretization:
     def n_point_cells(self) -> int:
         """Number of cells with points."""
         return int(np.count_nonzero(self.has_points))
+
+    @property
+    def n_bodies(self) -> int:
+        """Number of bodies between which there are no bonds; 0 without peridynamics."""
+        return int(self.body.max(initial=-1)) + 1
 
     @property
     def n_nodes(self) -> int:
@@ -199,7 +211,7 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
     ------
     SceneError
         Cells inside out, regions that overlap or leave cells out, an empty region, an overlap that does not fit or
-        whose material cannot have bonds.
+        whose material cannot have bonds, bodies that cannot be fitted.
     """
     mesh = make_mesh(scene) if mesh is None else mesh
     quality = measure(mesh)
@@ -208,9 +220,17 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
     is_overlap = _find_overlap(scene, mesh, peridynamic)
     materials = material_table(scene)
     material = np.array([materials.names.index(r.material) for r in scene.regions], np.int16)[region]
+    has_points = peridynamic | is_overlap
+    body, thin = np.where(has_points, 0, -1).astype(np.int32), np.empty(0, np.int64)
+    if scene.peridynamics.surface_correction == "fitted" and has_points.any():
+        found = find_fitted_bodies(mesh, peridynamic, is_overlap, material, materials)
+        thin = found.thin
+        if not len(thin):
+            body, is_overlap = found.number, found.is_overlap
+            has_points = body >= 0
+            _check_joints(scene, materials, material, body)
     cannot_bond = materials.poissons_ratio != PERIDYNAMIC_POISSONS_RATIO
     _check_overlap_materials(scene, mesh, region, is_overlap & cannot_bond[material])
-    has_points = peridynamic | is_overlap
     keeps_both = scene.coupling.kind == "paper_a"
     has_stiffness = ~peridynamic & (keeps_both | ~is_overlap)
 
@@ -233,6 +253,8 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         materials=materials,
         has_points=has_points,
         is_overlap=is_overlap,
+        body=body,
+        thin=thin,
         has_stiffness=has_stiffness,
         point_cell_number=_number(has_points),
         node_number=_number(carries),
@@ -326,6 +348,27 @@ def _check_overlap_materials(scene: Scene, mesh: HexMesh, region: np.ndarray, wr
             f"finite elements with Poisson's ratio 0.25, at least coupling.overlap = {scene.coupling.overlap} cells "
             "deep, between it and peridynamics."
         )
+    if messages:
+        raise SceneError(messages)
+
+
+def _check_joints(scene: Scene, materials: MaterialTable, material: np.ndarray, body: np.ndarray) -> None:
+    """Refuse what bonds between fitted bodies would be needed for: there are none."""
+    if not body.max() > 0:
+        return
+    names = " and ".join(materials.names[k] for k in np.unique(material[body >= 0]))
+    why = (
+        f'peridynamics.surface_correction = "fitted" joins the bodies of {names}, whose bonds differ in stiffness, by '
+        "common nodes: no bond runs between them"
+    )
+    messages = [
+        f"interfaces.{index} is of bonds between {' and '.join(interface.between)}, and {why}. Remove it, or use "
+        '"virial".'
+        for index, interface in enumerate(scene.interfaces)
+        if len({same_bonds(materials)[materials.names.index(name)] for name in interface.between}) > 1
+    ]
+    if any(entry.can_fail for entry in (scene.material, *scene.materials.values(), *scene.interfaces)):
+        messages.append(f'{why}, so that interfaces could not break. Use "virial" where bonds may break.')
     if messages:
         raise SceneError(messages)
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.background_grid import add_moments, cell_nodes, moment_table
-from pdfem_mpi.bonds import RESPONSE_CONSTANT, Points
+from pdfem_mpi.bonds import RESPONSE_CONSTANT
 from pdfem_mpi.dissection import BlockMatrix, Factor, count_entries, dissect, factorise
 from pdfem_mpi.kernels.bond_factors import (
     MONOMIALS,
@@ -100,40 +100,46 @@ def tensor(cutoff: float) -> np.ndarray:
 
 def make_factor_grid(
     comm,
-    points: Points,
+    x: np.ndarray,
+    volume: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
     edge: float,
     cutoff: float,
     slack: np.ndarray,
     omega: float,
-    modulus: float = 1.0,
+    most_entries: float = MOST_ENTRIES,
 ) -> FactorGrid:
-    """Set up the grid over the owned points of all ranks. Collective.
+    """Set up the grid over the owned points of a body on all ranks, of Young's modulus 1. Collective.
 
     Parameters
     ----------
+    x : float64, shape (n * 3,)
+        Positions in cluster layout.
+    volume : float64, shape (n,)
+        Integration weights.
     lower, upper : float64, shape (3,)
         Corners of a box around all points.
     edge : float
         Typical edge of a cell.
     cutoff : float
-    slack : bool, shape (n_owned * 8,)
+    slack : bool, shape (n,)
         Points whose diagonal is raised by ``omega``.
-    modulus : float
-        Young's modulus of the bonds in model units.
+    most_entries : float
+        Of the factors.
     """
-    n = 8 * points.n_owned
-    counts = grid_counts(upper - lower, edge)
+    n = len(volume)
+    counts = grid_counts(upper - lower, edge, most_entries)
     inverse_h = counts / (upper - lower)
+    if not sum_integers(comm, np.array([np.count_nonzero(slack)]))[0]:
+        omega = 0.0
 
-    x = points.x[: 3 * n].reshape(-1, 3, W).swapaxes(1, 2).reshape(-1, 3)
-    scaled = (x - lower) * inverse_h
+    scaled = (x.reshape(-1, 3, W).swapaxes(1, 2).reshape(-1, 3) - lower) * inverse_h
     index = np.clip(np.floor(scaled).astype(np.int64), 0, counts - 1)
     where = (index[:, 0] * counts[1] + index[:, 1]) * counts[2] + index[:, 2]
     moments = np.zeros((int(np.prod(counts)), 2, 125), np.int64)
     quantum = np.full(len(moments), MOMENT_QUANTUM)
-    add_moments(moments[:, 0], where, scaled - index, points.volume[:n], quantum)
+    add_moments(moments[:, 0], where, scaled - index, volume, quantum)
     if omega:
         add_moments(moments[:, 1], where[slack], (scaled - index)[slack], np.ones(np.count_nonzero(slack)), quantum)
     moments = sum_integers(comm, moments) * MOMENT_QUANTUM
@@ -153,7 +159,7 @@ def make_factor_grid(
 
     axes = [(d, e) for d in range(3) for e in range(3)]
     values = [inverse_h[d] * inverse_h[e] * assembled((d, e), moments[:, 0]) for d, e in axes]
-    tables = modulus * tensor(cutoff).reshape(9, N, N)
+    tables = tensor(cutoff).reshape(9, N, N)
     if omega:
         values.append(omega * assembled((None, None), moments[:, 1]))
         tables = np.concatenate([tables, np.eye(N)[None]])
@@ -170,7 +176,7 @@ def make_factor_grid(
     index = np.stack(np.unravel_index(used, 2 * counts + 1), axis=1)
     return FactorGrid(
         n_points=n,
-        x=points.x,
+        x=x,
         lower=lower,
         inverse_h=inverse_h,
         counts=counts,
@@ -181,11 +187,11 @@ def make_factor_grid(
     )
 
 
-def grid_counts(extent: np.ndarray, edge: float) -> np.ndarray:
-    """Elements along the axes: about `COARSENING` edges long, or longer where the factors outgrow `MOST_ENTRIES`."""
+def grid_counts(extent: np.ndarray, edge: float, most_entries: float = MOST_ENTRIES) -> np.ndarray:
+    """Elements along the axes: about `COARSENING` edges long, or longer where the factors have too many entries."""
     length = COARSENING * edge
     while True:
         counts = np.maximum(1, np.rint(extent / length)).astype(np.int64)
-        if count_entries(counts, N) <= MOST_ENTRIES or (counts == 1).all():
+        if count_entries(counts, N) <= most_entries or (counts == 1).all():
             return counts
         length *= STEP

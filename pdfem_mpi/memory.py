@@ -158,6 +158,7 @@ def _count_bonds(discretization: Discretization, cells: np.ndarray) -> tuple[flo
     rows = bonds = 0
     for cell, found in zip(sample, near, strict=True):
         others = np.array([other for other in found if other >= n_real or with_points[other] != cell], np.int64)
+        others = others[discretization.body[with_points[others]] == discretization.body[cell]]
         x = gauss_positions(nodes[mesh.cells[[cell]]]).reshape(8, 1, 3)
         y = gauss_positions(nodes[mesh.cells[with_points[others]]])
         y = (sign[others, None] * y + shift[others, None]).reshape(1, -1, 3)

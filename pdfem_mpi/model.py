@@ -280,6 +280,7 @@ def build_intact_elements(discretization: Discretization, model: Model) -> Model
         discretization,
         has_points=~everywhere,
         is_overlap=~everywhere,
+        body=np.full(len(everywhere), -1, np.int32),
         has_stiffness=everywhere,
         point_cell_number=np.full(len(everywhere), -1),
         node_number=np.arange(len(discretization.nodes)),
@@ -336,6 +337,7 @@ def _make_points(discretization: Discretization, subdomain: Subdomain, comm) -> 
         halo=halo,
         images=images,
         n_numbers=discretization.n_point_cells,
+        body=discretization.body[cells] if discretization.n_bodies > 1 else None,
     )
 
 

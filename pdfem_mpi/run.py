@@ -729,7 +729,12 @@ def _fit_report(outcome: BodyFit | None, smallest: float | None, stable: bool | 
     """
     if outcome is None:
         return None
-    report = {"fingerprint": outcome.fingerprint, "reused": outcome.reused, "notes": list(outcome.notes)}
+    report = {
+        "fingerprint": outcome.fingerprint,
+        "reused": outcome.reused,
+        "notes": list(outcome.notes),
+        "bodies": outcome.n_bodies,
+    }
     found = {"smallest_eigenvalue": smallest, "stable": stable}
     return report | (asdict(outcome.fit) | found if outcome.fit else {})
 

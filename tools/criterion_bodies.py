@@ -174,7 +174,7 @@ def weights(rule: str, bonds: BondList, edge: float, discretization, model):
 
 def _outer_points(discretization, model) -> np.ndarray:
     """Points in the outer layer of a cell at the surface: closer to it than half a cell; bool, shape (n_points,)."""
-    boundary = find_boundary(discretization.mesh, discretization.nodes, discretization.has_points)
+    boundary = find_boundary(discretization.mesh, discretization.nodes, discretization.body)
     outer = np.zeros((len(discretization.mesh.cells), 8), bool)
     axis, upper = np.divmod(boundary.side, 2)
     np.logical_or.at(outer, boundary.cell, (GAUSS_POINTS.T[axis] > 0.0) == (upper == 1)[:, None])

@@ -15,7 +15,7 @@ from pdfem_mpi.scene import BodyForce, Coupling, Crack, Interface, Material, Reg
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import follow_load_program, make_solver
-from verification.bodies import build, make_scene
+from verification.bodies import build, make_scene, tension
 
 pytestmark = pytest.mark.mpi(min_size=2)
 
@@ -50,7 +50,19 @@ SCENES = {
 }
 SCENES |= {
     "coupled, virial": partial(make_scene, (9, 3, 2), 4, correction="virial"),
-    "coupled, fitted": partial(make_scene, (7, 3, 2), 3, correction="fitted", coupling="exact"),
+    "coupled, fitted, two bodies": partial(
+        make_scene,
+        (7, 3, 2),
+        correction="fitted",
+        coupling="exact",
+        materials={"stiff": Material(youngs_modulus=7e3)},
+        regions=(
+            Region(name="elements", model="finite_elements", upper=(3.0, 3.0, 2.0)),
+            Region(name="bonds", model="peridynamics", lower=(3.0, 0.0, 0.0), upper=(5.0, 3.0, 2.0)),
+            Region(name="stiff", model="peridynamics", material="stiff", lower=(5.0, 0.0, 0.0)),
+        ),
+        loads=tension((7, 3, 2), 3),
+    ),
     "peridynamics, fitted, bounded": partial(
         make_scene, (4, 3, 2), 0, correction="fitted", signs="bounded", kinematics="finite"
     ),

@@ -7,6 +7,8 @@ from pdfem_mpi.boundary_areas import (
     area_vectors,
     face_shares,
     find_boundary,
+    match_faces,
+    refuse_pieces,
     restore_compatibility,
 )
 from pdfem_mpi.hex8 import gauss_positions, gauss_volumes
@@ -27,7 +29,7 @@ def jittered(seed=1, size=0.15, cells=(4, 3, 3)):
 def areas_of(mesh, chosen=None):
     """Area vectors and positions of all points, shape (n_points, 3) each."""
     chosen = np.ones(len(mesh.cells), bool) if chosen is None else chosen
-    areas = area_vectors(find_boundary(mesh, mesh.nodes, chosen), len(mesh.cells))
+    areas = area_vectors(find_boundary(mesh, mesh.nodes, np.where(chosen, 0, -1)), len(mesh.cells))
     return areas.reshape(-1, 3), gauss_positions(mesh.nodes[mesh.cells]).reshape(-1, 3)
 
 
@@ -115,7 +117,7 @@ def test_cells_that_overlap_have_no_closed_boundary():
     mesh = box((0, 0, 0), (3, 1, 1), (3, 1, 1))
     doubled = HexMesh(mesh.nodes, np.concatenate([mesh.cells, mesh.cells[1:2]]))
     with pytest.raises(SceneError, match=r"more than two cells.*at \(1.5, 0.5, 0.5\).*not closed.*Merge"):
-        find_boundary(doubled, doubled.nodes, np.ones(4, bool))
+        find_boundary(doubled, doubled.nodes, np.zeros(4, int))
 
 
 def test_cells_inside_out_are_named():
@@ -124,7 +126,7 @@ def test_cells_inside_out_are_named():
     cells = mesh.cells.copy()
     cells[2] = cells[2][[4, 5, 6, 7, 0, 1, 2, 3]]
     with pytest.raises(SceneError, match=r"1 faces are seen from the same side.*VTK order"):
-        find_boundary(HexMesh(mesh.nodes, cells), mesh.nodes, np.ones(3, bool))
+        find_boundary(HexMesh(mesh.nodes, cells), mesh.nodes, np.zeros(3, int))
 
 
 def test_several_pieces_are_named():
@@ -132,4 +134,4 @@ def test_several_pieces_are_named():
     mesh = box((0, 0, 0), (3, 2, 1), (3, 2, 1))
     chosen = np.array([True, True, False, False, False, True])
     with pytest.raises(SceneError, match=r"form 2 pieces.*cell 5 at \(2.5, 1.5, 0.5\).*virial"):
-        find_boundary(mesh, mesh.nodes, chosen)
+        refuse_pieces(mesh, match_faces(mesh, chosen))

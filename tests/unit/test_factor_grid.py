@@ -47,13 +47,13 @@ def test_grid_is_the_limit_of_the_operator_for_slow_multipliers():
     """A linear field in a block: the grid solves for its forces, and finds its energy but for what surfaces cut off."""
     body = build(make_scene((8, 8, 8), correction="none", loads=()))
     model, d = body.model, body.discretization
-    operator = Operator(model.comm, model.points, model.bonds)
+    operator = Operator(model.comm, model.points, model.bonds, np.ones(1))
     x = point_rows(model.points.x)
     slopes = np.random.default_rng(3).standard_normal((3, N))
     v = np.ascontiguousarray((x @ slopes).reshape(-1, 4, N).swapaxes(1, 2))
     product = operator.multiply(v, math.sqrt(N) * np.abs(v).max(), HELD).swapaxes(1, 2).reshape(-1, N)
     grid = make_factor_grid(
-        model.comm, model.points, d.nodes.min(axis=0), d.nodes.max(axis=0), 1.0, d.cutoff,
+        model.comm, model.points.x, model.points.volume, d.nodes.min(axis=0), d.nodes.max(axis=0), 1.0, d.cutoff,
         np.zeros(len(x), bool), 0.0,
     )  # fmt: skip
     # C^-1 of the operator's own product gives the field back, up to its mean and the rough part
