@@ -112,6 +112,28 @@ def test_bar_of_two_materials_in_a_row(models, contrast):
     assert abs(jump) < JUMPS[models]
 
 
+FITTED = 1e-7  # of moduli and jumps at a solver's tolerance of 1e-8
+
+
+@pytest.mark.parametrize(("models", "contrast"), [((PD, PD), 1e3), ((FE, PD), 0.1)], ids=["bonds", "coupled"])
+def test_fitted_bar_of_two_materials_has_no_error_and_no_jump(models, contrast):
+    """Bodies of different stiffness, and elements, are joined exactly."""
+    scene = held_bar(*models, contrast)
+    body = build(
+        scene.model_copy(
+            update={
+                "peridynamics": scene.peridynamics.model_copy(update={"surface_correction": "fitted"}),
+                "coupling": scene.coupling.model_copy(update={"kind": "exact"}),
+                "loads": tuple(Traction(kind="traction", face=p.face, total=p.total) for p in scene.loads),
+            }
+        )
+    )
+    solve(body)
+    ratios, jump = moduli_and_jump(body, contrast)
+    np.testing.assert_allclose(ratios, 1.0, atol=FITTED)
+    assert abs(jump) < FITTED
+
+
 @pytest.mark.parametrize("models", [(PD, PD), (FE, PD)], ids=["bonds", "coupled"])
 def test_relaxation_of_two_materials(models):
     """Eqs (11), (31)-(35) need no more evaluations for a contrast of 1000 than for none, and find the same."""
