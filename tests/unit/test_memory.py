@@ -14,7 +14,7 @@ from pdfem_mpi.discretization import discretize
 from pdfem_mpi.model import build_model
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run import check_scene, run
-from pdfem_mpi.scene import FileMesh, Scene, SceneError, Support
+from pdfem_mpi.scene import FileMesh, Material, Region, Scene, SceneError, Support
 from pdfem_mpi.subdomain import cut_out, partition
 from verification.bodies import Silence, make_scene
 
@@ -105,6 +105,21 @@ def test_rows_and_bonds_are_counted_in_a_sample(kinematics):
     rows, bonds = memory._count_bonds(discretization, cells)
     assert bonds == pytest.approx(model.bonds.count, rel=SAMPLING)
     assert rows == pytest.approx(len(model.bonds.interior.offset) - 1, rel=SAMPLING)
+
+
+def test_bonds_between_fitted_bodies_are_not_counted():
+    """There are none; in layers of two cells they would be more than a third."""
+    regions = tuple(
+        Region(name=f"{k}", model="peridynamics", material=name, lower=(0.0, 0.0, 2.0 * k), upper=(8.0, 6.0, 2.0 * k + 2))
+        for k, name in enumerate(("default", "soft", "default"))
+    )
+    materials = {"soft": Material(youngs_modulus=100.0)}
+    scene = make_scene((8, 6, 6), regions=regions, materials=materials, correction="fitted", loads=())
+    discretization = discretize(scene)
+    model = build_model(scene, discretization, mpi().COMM_SELF)
+    subdomain = whole(scene)
+    _, bonds = memory._count_bonds(discretization, np.concatenate([subdomain.free, subdomain.overlap]))
+    assert bonds == pytest.approx(model.bonds.count, rel=SAMPLING)
 
 
 def test_without_peridynamics_there_are_no_bonds():

@@ -321,6 +321,20 @@ def test_bodies_of_several_materials_are_joined_exactly(name, record_property):
     assert max(errors.values()) < (BENDS if name == "a ball all inside" else EXACT), errors
 
 
+def test_areas_at_joints_stay_as_they_are():
+    """Compatibility of skewed cells is paid for at free surfaces: both sides of a joint pull with the same integrals."""
+    cells, materials, _, regions = JOINED["two halves"]
+    scene = make_scene(cells, regions=regions, materials=materials, correction="fitted", coupling="exact", loads=())
+    with patch.object(discretization, "make_mesh", lambda _: jittered(cells, 0.15, 1)):
+        d = discretization.discretize(scene)
+    boundary = find_boundary(d.mesh, d.nodes, d.body)
+    areas, change = body_fit.compatible_areas(d, boundary)
+    same = (areas == area_vectors(boundary, len(d.body))).all(axis=(1, 2))
+    assert change > 1e-4 and d.is_overlap.any()
+    outside = np.isin(np.arange(len(same)), boundary.cell)
+    assert same[d.is_overlap].all() and not same[outside & ~d.is_overlap].any()
+
+
 def test_materials_of_the_same_stiffness_are_one_body():
     """The same bonds as without the second material, which may break at another stretch."""
     materials = {"weak": Material(youngs_modulus=1000.0, critical_stretch=1e-3)}
