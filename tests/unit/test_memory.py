@@ -110,7 +110,7 @@ def test_rows_and_bonds_are_counted_in_a_sample(kinematics):
 def test_bonds_between_fitted_bodies_are_not_counted():
     """There are none; in layers of two cells they would be more than a third."""
     regions = tuple(
-        Region(name=f"{k}", model="peridynamics", material=name, lower=(0.0, 0.0, 2.0 * k), upper=(8.0, 6.0, 2.0 * k + 2))
+        Region(name=f"{k}", model="peridynamics", material=name, lower=(0, 0, 2 * k), upper=(8, 6, 2 * k + 2))
         for k, name in enumerate(("default", "soft", "default"))
     )
     materials = {"soft": Material(youngs_modulus=100.0)}

@@ -322,7 +322,7 @@ def test_bodies_of_several_materials_are_joined_exactly(name, record_property):
 
 
 def test_areas_at_joints_stay_as_they_are():
-    """Compatibility of skewed cells is paid for at free surfaces: both sides of a joint pull with the same integrals."""
+    """Compatibility of skewed cells is paid for at free surfaces: both sides of joints pull alike."""
     cells, materials, _, regions = JOINED["two halves"]
     scene = make_scene(cells, regions=regions, materials=materials, correction="fitted", coupling="exact", loads=())
     with patch.object(discretization, "make_mesh", lambda _: jittered(cells, 0.15, 1)):
