@@ -75,6 +75,8 @@ class Fit:
         Largest miss of a point's ten moments, relative to the largest target, outside and inside the slack.
     residual_rms, residual_rms_in_slack : float, dimension 1
         Root of the mean of the squares.
+    residual_of_bodies : tuple of float, dimension 1
+        Largest miss of each body, slack included.
     slack_points : int
     smallest_factor, largest_factor : float
     share_at_bound : float
@@ -90,6 +92,7 @@ class Fit:
     residual_in_slack: float
     residual_rms: float
     residual_rms_in_slack: float
+    residual_of_bodies: tuple[float, ...]
     slack_points: int
     smallest_factor: float
     largest_factor: float
@@ -224,6 +227,7 @@ def fit_factors(
     scale = float(largest(comm, np.array([np.abs(goal).max(initial=0.0)]))[0]) or 1.0
     parts = [np.where(in_slack, 0.0, miss), np.where(in_slack, miss, 0.0)]
     peaks = largest(comm, np.array([np.abs(part).max(initial=0.0) for part in parts])) / scale
+    of_bodies = np.array([np.abs(miss[clusters]).max(initial=0.0) for clusters, _ in equations.grids])
     counts = np.array([np.count_nonzero(~slack), np.count_nonzero(slack), bonds.count])
     outside, inside, n_bonds = sum_integers(comm, counts).tolist()
     squares = dots(comm, *((part, part) for part in parts))
@@ -236,6 +240,7 @@ def fit_factors(
         residual_in_slack=float(peaks[1]),
         residual_rms=means[0],
         residual_rms_in_slack=means[1],
+        residual_of_bodies=tuple((largest(comm, of_bodies) / scale).tolist()),
         slack_points=inside,
         smallest_factor=smallest,
         largest_factor=top,

@@ -319,6 +319,9 @@ def test_bodies_of_several_materials_are_joined_exactly(name, record_property):
     errors = patch_errors(body)
     record_property("errors", errors)
     assert max(errors.values()) < (BENDS if name == "a ball all inside" else EXACT), errors
+    fit = body.model.body_fit.fit
+    assert len(fit.residual_of_bodies) == body.discretization.n_bodies
+    assert max(fit.residual_of_bodies) == max(fit.residual, fit.residual_in_slack)
 
 
 def test_areas_at_joints_stay_as_they_are():
