@@ -217,18 +217,21 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
     quality = measure(mesh)
     region = _assign_regions(scene, mesh)
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
-    is_overlap = _find_overlap(scene, mesh, peridynamic)
     materials = material_table(scene)
     material = np.array([materials.names.index(r.material) for r in scene.regions], np.int16)[region]
-    has_points = peridynamic | is_overlap
-    body, thin = np.where(has_points, 0, -1).astype(np.int32), np.empty(0, np.int64)
-    if scene.peridynamics.surface_correction == "fitted" and has_points.any():
-        found = find_fitted_bodies(mesh, peridynamic, is_overlap, material, materials)
+    body = thin = None
+    if scene.peridynamics.surface_correction == "fitted" and peridynamic.any():
+        kind = same_bonds(materials)[material]
+        is_overlap = _find_overlap(scene, mesh, peridynamic, ~np.isin(kind, kind[peridynamic]))
+        found = find_fitted_bodies(mesh, peridynamic, is_overlap, kind)
         thin = found.thin
         if not len(thin):
             body, is_overlap = found.number, found.is_overlap
-            has_points = body >= 0
             _check_joints(scene, materials, material, body)
+    if body is None:
+        is_overlap = _find_overlap(scene, mesh, peridynamic)
+        body = np.where(peridynamic | is_overlap, 0, -1).astype(np.int32)
+    has_points = body >= 0
     cannot_bond = materials.poissons_ratio != PERIDYNAMIC_POISSONS_RATIO
     _check_overlap_materials(scene, mesh, region, is_overlap & cannot_bond[material])
     keeps_both = scene.coupling.kind == "paper_a"
@@ -254,7 +257,7 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         has_points=has_points,
         is_overlap=is_overlap,
         body=body,
-        thin=thin,
+        thin=np.empty(0, np.int64) if thin is None else thin,
         has_stiffness=has_stiffness,
         point_cell_number=_number(has_points),
         node_number=_number(carries),
@@ -373,8 +376,8 @@ def _check_joints(scene: Scene, materials: MaterialTable, material: np.ndarray, 
         raise SceneError(messages)
 
 
-def _find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray) -> np.ndarray:
-    """Layers of cells on the finite-element side of the interface."""
+def _find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray, stays: np.ndarray | bool = False) -> np.ndarray:
+    """Layers of cells on the finite-element side of the interface, some of which stay elements all the same."""
     if peridynamic.all() or not peridynamic.any():
         return np.zeros(len(peridynamic), bool)
     reached = peridynamic
@@ -384,7 +387,7 @@ def _find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray) -> np.nd
             raise SceneError(
                 ["regions: the peridynamic and the finite-element cells share no node. Let them touch."]
             )
-        if wider.all() or not (wider & ~reached).any():
+        if not (stays | ~wider).any() or not (stays | (wider & ~reached)).any():
             deep = f"{layer} layer{'s' if layer > 1 else ''} deep"
             remedy = f"Use at most {layer - 1}, or enlarge them" if layer > 1 else "Enlarge them"
             raise SceneError(

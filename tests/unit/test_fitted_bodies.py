@@ -119,3 +119,25 @@ def test_materials_whose_bonds_are_alike():
     number = dict(zip(table.names, same_bonds(table).tolist(), strict=True))
     assert number["default"] == number["weak"] and number["weak"] != number["soft"]
     assert number["default"] not in (number["apart"], number["turned"])
+
+
+def test_materials_set_apart_by_a_table_are_never_of_one_number():
+    """Also where both are like a third one: bonds of another modulus would run within a body."""
+    materials = {"one": Material(youngs_modulus=1000.0), "two": Material(youngs_modulus=1000.0)}
+    interfaces = (Interface(between=("one", "two"), youngs_modulus=10.0),)
+    regions = tuple(
+        Region(name=name, model=BONDS, material=name, upper=(1.0, 1.0, 1.0)) for name in ("default", *materials)
+    )
+    scene = make_scene((2, 2, 2), regions=regions, materials=materials, interfaces=interfaces, loads=())
+    assert same_bonds(material_table(scene)).tolist() == [0, 0, 1]
+
+
+def test_one_layer_of_elements_of_another_stiffness_is_enough():
+    """They take no part in the overlap, so that elements are left; with other corrections, and alike, none would be."""
+    found = bodies((6, 2, 2), [(ELEMENTS, "soft", 1), (BONDS, "default", 6)])
+    assert along_x(found.has_stiffness, (6, 2, 2)) == [True] + 5 * [False]
+    assert along_x(found.is_overlap, (6, 2, 2)) == [False, True] + 4 * [False]
+    for material, table in (("soft", SOFT), ("default", {})):
+        with pytest.raises(SceneError, match="leaves no finite element outside the overlap"):
+            # a single layer of bonds is too thin for a fit, and the overlap of other corrections holds
+            bodies((2, 2, 2), [(ELEMENTS, material, 1), (BONDS, "default", 2)], table)
