@@ -6,7 +6,7 @@ import pytest
 from pdfem_mpi.discretization import discretize
 from pdfem_mpi.fitted_bodies import same_bonds
 from pdfem_mpi.materials import material_table
-from pdfem_mpi.scene import Interface, Material, Region, SceneError
+from pdfem_mpi.scene import Crack, Interface, Material, Region, SceneError
 from verification.bodies import make_scene
 
 SOFT = {"soft": Material(youngs_modulus=100.0)}
@@ -141,3 +141,35 @@ def test_one_layer_of_elements_of_another_stiffness_is_enough():
         with pytest.raises(SceneError, match="leaves no finite element outside the overlap"):
             # a single layer of bonds is too thin for a fit, and the overlap of other corrections holds
             bodies((2, 2, 2), [(ELEMENTS, material, 1), (BONDS, "default", 2)], table)
+
+
+def upright(x, top):
+    """A crack across a bar at x, from below up to a height."""
+    return Crack(polygon=((x, -1.0, -1.0), (x, 9.0, -1.0), (x, 9.0, top), (x, -1.0, top)))
+
+
+@pytest.mark.parametrize(
+    ("crack", "n_cells"),
+    [(upright(4.0, 9.0), 8), (upright(3.5, 9.0), 4), (upright(4.4, 9.0), 4), (upright(3.5, 1.2), 2)],
+    ids=["along the joint", "through its cells", "through those of the other body", "up to half of it"],
+)
+def test_cracks_through_joints_are_refused(crack, n_cells):
+    """No bond runs across, and points of joints follow common nodes: the crack would be closed without a word."""
+    expected = rf"cracks\.0\.polygon passes through {n_cells} cells .* \"virial\""
+    with pytest.raises(SceneError, match=expected):
+        bodies((8, 2, 2), [(BONDS, "default", 4), (BONDS, "soft", 8)], cracks=(crack,))
+    with pytest.raises(SceneError, match="2 cells by which"):
+        side = Crack(polygon=((3.0, 1.0, -1.0), (3.9, 1.0, -1.0), (3.9, 1.0, 0.9), (3.0, 1.0, 0.9)))
+        bodies((8, 2, 2), [(BONDS, "default", 4), (BONDS, "soft", 8)], cracks=(side,))
+
+
+@pytest.mark.parametrize("x", [2.5, 3.0, 5.0, 5.5])
+def test_cracks_beside_joints_are_not(x):
+    """In one body alone, up to the cells that join it."""
+    found = bodies((8, 2, 2), [(BONDS, "default", 4), (BONDS, "soft", 8)], cracks=(upright(x, 9.0),))
+    assert found.n_bodies == 2
+
+
+def test_cracks_in_the_overlap_of_one_body_are_as_with_other_corrections():
+    found = bodies((8, 2, 2), [(ELEMENTS, "default", 4), (BONDS, "default", 8)], {}, cracks=(upright(3.5, 9.0),))
+    assert found.n_bodies == 1
