@@ -191,12 +191,17 @@ def find_boundary(mesh: HexMesh, nodes: np.ndarray, body: np.ndarray) -> Boundar
     SceneError
         As `match_faces`.
     """
-    faces = match_faces(mesh, body >= 0)
+    cell, side = outer_faces(match_faces(mesh, body >= 0), body)
+    return Boundary(cell, side, _face_areas(nodes, mesh.cells[cell], side))
+
+
+def outer_faces(faces: Faces, body: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cells and sides, both int64 (n_faces,), of the faces of bodies that no other cell of the same body shares."""
     number = body[faces.cells]
     between = number[faces.one // 6] != number[faces.two // 6]
     outer = np.sort(np.concatenate([faces.alone, faces.one[between], faces.two[between]]))
-    cell, side = faces.cells[outer // 6], outer % 6
-    return Boundary(cell, side, _face_areas(nodes, mesh.cells[cell], side))
+    outer = outer[number[outer // 6] >= 0]
+    return faces.cells[outer // 6], outer % 6
 
 
 def _places(mesh: HexMesh, cells: np.ndarray) -> str:

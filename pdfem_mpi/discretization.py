@@ -16,10 +16,13 @@ from functools import cached_property
 
 import numpy as np
 
+from pdfem_mpi.boundary_areas import match_faces
 from pdfem_mpi.fitted_bodies import find_fitted_bodies, same_bonds
+from pdfem_mpi.hex8 import GAUSS_POINTS, gauss_positions
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.materials import MaterialTable, material_table
 from pdfem_mpi.mesh import generators, named_sets
+from pdfem_mpi.mesh.crossings import cross_polygon
 from pdfem_mpi.mesh.defects import face_problems, find_defects, mirror_problems
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.quality import Quality, measure
@@ -38,6 +41,9 @@ from pdfem_mpi.scene import (
 
 #: A spacing of a deck may lie outside of the edges of the file's cells by this fraction.
 SPACING_MISFIT = 1e-3
+
+#: Pairs of the eight points of a cell that differ in one coordinate.
+_POINT_EDGES = np.array([(a, b) for a in range(8) for b in range(a) if (GAUSS_POINTS[a] != GAUSS_POINTS[b]).sum() == 1])
 
 
 @dataclass(frozen=True)
@@ -71,10 +77,12 @@ class Discretization:
     material : int16, shape (n_cells,)
         Index of the cell's material; 0 is the default.
     materials : MaterialTable
+    is_peridynamic : bool, shape (n_cells,)
+        Cells of peridynamic regions.
     has_points : bool, shape (n_cells,)
         Cells with collocation points: peridynamic cells and the overlap.
     is_overlap : bool, shape (n_cells,)
-        Cells with points whose displacements are interpolated from nodes (eq. 25).
+        Cells with points whose displacements are interpolated from nodes (eq. 25); peridynamic ones join fitted bodies.
     body : int32, shape (n_cells,)
         Body of each cell with points, no bonds between two bodies (see `fitted_bodies`); -1 for other cells.
     thin : int64, shape (n_thin,)
@@ -98,6 +106,7 @@ class Discretization:
     region: np.ndarray
     material: np.ndarray
     materials: MaterialTable
+    is_peridynamic: np.ndarray
     has_points: np.ndarray
     is_overlap: np.ndarray
     body: np.ndarray
@@ -217,18 +226,22 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
     quality = measure(mesh)
     region = _assign_regions(scene, mesh)
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
-    is_overlap = _find_overlap(scene, mesh, peridynamic)
     materials = material_table(scene)
     material = np.array([materials.names.index(r.material) for r in scene.regions], np.int16)[region]
-    has_points = peridynamic | is_overlap
-    body, thin = np.where(has_points, 0, -1).astype(np.int32), np.empty(0, np.int64)
-    if scene.peridynamics.surface_correction == "fitted" and has_points.any():
-        found = find_fitted_bodies(mesh, peridynamic, is_overlap, material, materials)
+    body = thin = None
+    if scene.peridynamics.surface_correction == "fitted" and peridynamic.any():
+        kind = same_bonds(materials)[material]
+        is_overlap = _find_overlap(scene, mesh, peridynamic, ~np.isin(kind, kind[peridynamic]))
+        found = find_fitted_bodies(mesh, peridynamic, is_overlap, kind)
         thin = found.thin
         if not len(thin):
             body, is_overlap = found.number, found.is_overlap
-            has_points = body >= 0
             _check_joints(scene, materials, material, body)
+            _check_cracks(scene, mesh, peridynamic & is_overlap)
+    if body is None:
+        is_overlap = _find_overlap(scene, mesh, peridynamic)
+        body = np.where(peridynamic | is_overlap, 0, -1).astype(np.int32)
+    has_points = body >= 0
     cannot_bond = materials.poissons_ratio != PERIDYNAMIC_POISSONS_RATIO
     _check_overlap_materials(scene, mesh, region, is_overlap & cannot_bond[material])
     keeps_both = scene.coupling.kind == "paper_a"
@@ -251,10 +264,11 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         region=region,
         material=material,
         materials=materials,
+        is_peridynamic=peridynamic,
         has_points=has_points,
         is_overlap=is_overlap,
         body=body,
-        thin=thin,
+        thin=np.empty(0, np.int64) if thin is None else thin,
         has_stiffness=has_stiffness,
         point_cell_number=_number(has_points),
         node_number=_number(carries),
@@ -373,8 +387,38 @@ def _check_joints(scene: Scene, materials: MaterialTable, material: np.ndarray, 
         raise SceneError(messages)
 
 
-def _find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray) -> np.ndarray:
-    """Layers of cells on the finite-element side of the interface."""
+def _check_cracks(scene: Scene, mesh: HexMesh, joints: np.ndarray) -> None:
+    """Refuse cracks through the cells of joints: no cut of bonds parts points that follow common nodes."""
+    messages = []
+    for index, crack in enumerate(scene.cracks):
+        corners = np.array(crack.polygon)
+        margin = mesh.largest_edge
+        near = joints & mesh.cells_in_box(corners.min(axis=0) - margin, corners.max(axis=0) + margin)
+        if not near.any():
+            continue
+        cells, faces = np.flatnonzero(near), match_faces(mesh, near)
+        points = gauss_positions(mesh.nodes[mesh.cells[cells]])
+        one, two = (np.repeat(k, len(cells)) for k in _POINT_EDGES.T)
+        hit = np.zeros(len(joints), bool)
+        place = np.tile(np.arange(len(cells)), len(_POINT_EDGES))
+        hit[cells[place[cross_polygon(crack.polygon, points[place, one], points[place, two])]]] = True
+        ends = np.stack([cells[faces.one // 6], cells[faces.two // 6]], axis=1)
+        reach = GAUSS_POINTS.max() / 2.0 * np.diff(mesh.centroids[ends], axis=1)[:, 0]
+        start, stop = mesh.centroids[ends[:, 0]] + reach, mesh.centroids[ends[:, 1]] - reach
+        hit[ends[cross_polygon(crack.polygon, start, stop)]] = True
+        if hit.any():
+            messages.append(
+                f"cracks.{index}.polygon passes through {np.count_nonzero(hit)} cells by which "
+                'peridynamics.surface_correction = "fitted" joins bonds to others, or to elements, of another '
+                f"stiffness, the first {_places(mesh, hit)}: their points follow common nodes, which no crack parts. "
+                'End it a cell before the interface, or use "virial".'
+            )
+    if messages:
+        raise SceneError(messages)
+
+
+def _find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray, stays: np.ndarray | bool = False) -> np.ndarray:
+    """Layers of cells on the finite-element side of the interface, some of which stay elements all the same."""
     if peridynamic.all() or not peridynamic.any():
         return np.zeros(len(peridynamic), bool)
     reached = peridynamic
@@ -384,7 +428,7 @@ def _find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray) -> np.nd
             raise SceneError(
                 ["regions: the peridynamic and the finite-element cells share no node. Let them touch."]
             )
-        if wider.all() or not (wider & ~reached).any():
+        if not (stays | ~wider).any() or not (stays | (wider & ~reached)).any():
             deep = f"{layer} layer{'s' if layer > 1 else ''} deep"
             remedy = f"Use at most {layer - 1}, or enlarge them" if layer > 1 else "Enlarge them"
             raise SceneError(

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.boundary_areas import Boundary, find_bodies, find_boundary, match_faces, refuse_pieces
+from pdfem_mpi.boundary_areas import find_bodies, match_faces, outer_faces, refuse_pieces
 from pdfem_mpi.materials import MaterialTable
 from pdfem_mpi.mesh.hexmesh import HexMesh
 
@@ -41,7 +41,7 @@ class FittedBodies:
 
 
 def find_fitted_bodies(
-    mesh: HexMesh, peridynamic: np.ndarray, is_overlap: np.ndarray, material: np.ndarray, materials: MaterialTable
+    mesh: HexMesh, peridynamic: np.ndarray, is_overlap: np.ndarray, kind: np.ndarray
 ) -> FittedBodies:
     """Sort the cells with points into bodies of one stiffness.
 
@@ -49,7 +49,8 @@ def find_fitted_bodies(
     ----------
     peridynamic, is_overlap : bool, shape (n_cells,)
         Cells of peridynamic regions, and those of finite elements that share their points.
-    material : int16, shape (n_cells,)
+    kind : int, shape (n_cells,)
+        Which of the materials with the same bonds each cell has; see `same_bonds`.
 
     Raises
     ------
@@ -58,13 +59,13 @@ def find_fitted_bodies(
     """
     faces = match_faces(mesh, peridynamic | is_overlap)
     refuse_pieces(mesh, faces)
-    kind = np.where(peridynamic | is_overlap, same_bonds(materials)[material], -1)
+    kind = np.where(peridynamic | is_overlap, kind, -1)
     given_back = np.zeros(len(kind), bool)
     while True:
         number = find_bodies(faces, kind)
         with_bonds = np.zeros(int(number.max()) + 1, bool)
         with_bonds[number[peridynamic]] = True
-        thin = thin_cells(find_boundary(mesh, mesh.nodes, number), len(number))
+        thin = thin_cells(*outer_faces(faces, number), len(number))
         further = is_overlap & (number >= 0) & (thin | ~with_bonds[number])
         if not further.any():
             break
@@ -78,7 +79,12 @@ def same_bonds(materials: MaterialTable) -> np.ndarray:
     """Number the materials so that those between which all bonds are alike have the same; int, shape (n_materials,)."""
     modulus, nu = materials.youngs_modulus, materials.poissons_ratio
     alike = (modulus[:, None] == modulus) & (nu[:, None] == nu) & (materials.bond_modulus == modulus)
-    return np.argmax(alike & alike.T, axis=1)
+    alike &= alike.T
+    number = np.arange(len(modulus))
+    for k in number:
+        # with all of its group: two may be like a third, and a table set them apart
+        number[k] = next(j for j in range(k + 1) if alike[k, :k][number[:k] == j].all())
+    return number
 
 
 def meets_another(mesh: HexMesh, number: np.ndarray) -> np.ndarray:
@@ -95,8 +101,7 @@ def meets_another(mesh: HexMesh, number: np.ndarray) -> np.ndarray:
     return meets
 
 
-def thin_cells(boundary: Boundary, n_cells: int) -> np.ndarray:
-    """Cells with two opposite faces on the boundary; bool, shape (n_cells,)."""
-    count = np.zeros((n_cells, 3), np.int64)
-    np.add.at(count, (boundary.cell, boundary.side // 2), 1)
+def thin_cells(cell: np.ndarray, side: np.ndarray, n_cells: int) -> np.ndarray:
+    """Cells with two opposite sides among those given; bool, shape (n_cells,)."""
+    count = np.bincount(3 * cell + side // 2, minlength=3 * n_cells).reshape(-1, 3)
     return (count == 2).any(axis=1)

@@ -82,7 +82,7 @@ class Line:
     displacement : float64, shape (n, 3), dimension length
         NaN outside of the body.
     kind : str, shape (n,)
-        "finite elements" (also in the overlap), "peridynamics", or "" outside of the body.
+        "finite elements" (also in their overlap), "peridynamics", or "" outside of the body.
     """
 
     distance: np.ndarray
@@ -102,8 +102,8 @@ def measure_line(discretization: Discretization, fields: Fields, probe: LineProb
         holders, outside = _locate(discretization, point)
         if outside <= discretization.mesh.tolerance:
             displacement[k] = _interpolate(discretization, fields, holders, point)
-            elements = discretization.has_nodes[next(iter(holders))]
-            kind[k] = "finite elements" if elements else "peridynamics"
+            bonds = discretization.is_peridynamic[next(iter(holders))]
+            kind[k] = "peridynamics" if bonds else "finite elements"
     return Line(t * float(np.linalg.norm(stop - start)), position, displacement, kind.astype(str))
 
 
@@ -188,7 +188,6 @@ def measure_bar(
     n = len(values)
 
     x_points = u_points = None
-    use_points = discretization.has_points & ~discretization.is_overlap
     if discretization.has_points.any():
         x_points = point_positions(discretization).reshape(-1, 8, 3)
         u_points = fields.u_points.reshape(-1, 8, 3)
@@ -202,7 +201,7 @@ def measure_bar(
     ]
     for k in range(n):
         cells = np.flatnonzero(layer == k)
-        of_points[k] = use_points[cells].all()
+        of_points[k] = discretization.is_peridynamic[cells].all()
         if of_points[k]:
             number = discretization.point_cell_number[cells]
             x, u = x_points[number].reshape(-1, 3), u_points[number].reshape(-1, 3)
@@ -229,7 +228,8 @@ def measure_bar(
     switches = np.flatnonzero(of_points[1:] != of_points[:-1])
     overlap = None
     if len(switches):
-        shared = np.array([discretization.is_overlap[layer == k].any() for k in range(n)])
+        of_elements = discretization.is_overlap & ~discretization.is_peridynamic
+        shared = np.array([of_elements[layer == k].any() for k in range(n)])
         first = switches[0] if shared[switches[0]] else switches[0] + 1
         last = first
         while first > 0 and shared[first - 1]:

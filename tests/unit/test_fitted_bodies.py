@@ -6,7 +6,7 @@ import pytest
 from pdfem_mpi.discretization import discretize
 from pdfem_mpi.fitted_bodies import same_bonds
 from pdfem_mpi.materials import material_table
-from pdfem_mpi.scene import Interface, Material, Region, SceneError
+from pdfem_mpi.scene import Crack, Interface, Material, Region, SceneError
 from verification.bodies import make_scene
 
 SOFT = {"soft": Material(youngs_modulus=100.0)}
@@ -119,3 +119,57 @@ def test_materials_whose_bonds_are_alike():
     number = dict(zip(table.names, same_bonds(table).tolist(), strict=True))
     assert number["default"] == number["weak"] and number["weak"] != number["soft"]
     assert number["default"] not in (number["apart"], number["turned"])
+
+
+def test_materials_set_apart_by_a_table_are_never_of_one_number():
+    """Also where both are like a third one: bonds of another modulus would run within a body."""
+    materials = {"one": Material(youngs_modulus=1000.0), "two": Material(youngs_modulus=1000.0)}
+    interfaces = (Interface(between=("one", "two"), youngs_modulus=10.0),)
+    regions = tuple(
+        Region(name=name, model=BONDS, material=name, upper=(1.0, 1.0, 1.0)) for name in ("default", *materials)
+    )
+    scene = make_scene((2, 2, 2), regions=regions, materials=materials, interfaces=interfaces, loads=())
+    assert same_bonds(material_table(scene)).tolist() == [0, 0, 1]
+
+
+def test_one_layer_of_elements_of_another_stiffness_is_enough():
+    """They take no part in the overlap, so that elements are left; with other corrections, and alike, none would be."""
+    found = bodies((6, 2, 2), [(ELEMENTS, "soft", 1), (BONDS, "default", 6)])
+    assert along_x(found.has_stiffness, (6, 2, 2)) == [True] + 5 * [False]
+    assert along_x(found.is_overlap, (6, 2, 2)) == [False, True] + 4 * [False]
+    for material, table in (("soft", SOFT), ("default", {})):
+        with pytest.raises(SceneError, match="leaves no finite element outside the overlap"):
+            # a single layer of bonds is too thin for a fit, and the overlap of other corrections holds
+            bodies((2, 2, 2), [(ELEMENTS, material, 1), (BONDS, "default", 2)], table)
+
+
+def upright(x, top):
+    """A crack across a bar at x, from below up to a height."""
+    return Crack(polygon=((x, -1.0, -1.0), (x, 9.0, -1.0), (x, 9.0, top), (x, -1.0, top)))
+
+
+@pytest.mark.parametrize(
+    ("crack", "n_cells"),
+    [(upright(4.0, 9.0), 8), (upright(3.5, 9.0), 4), (upright(4.4, 9.0), 4), (upright(3.5, 1.2), 2)],
+    ids=["along the joint", "through its cells", "through those of the other body", "up to half of it"],
+)
+def test_cracks_through_joints_are_refused(crack, n_cells):
+    """No bond runs across, and points of joints follow common nodes: the crack would be closed without a word."""
+    expected = rf"cracks\.0\.polygon passes through {n_cells} cells .* \"virial\""
+    with pytest.raises(SceneError, match=expected):
+        bodies((8, 2, 2), [(BONDS, "default", 4), (BONDS, "soft", 8)], cracks=(crack,))
+    with pytest.raises(SceneError, match="2 cells by which"):
+        side = Crack(polygon=((3.0, 1.0, -1.0), (3.9, 1.0, -1.0), (3.9, 1.0, 0.9), (3.0, 1.0, 0.9)))
+        bodies((8, 2, 2), [(BONDS, "default", 4), (BONDS, "soft", 8)], cracks=(side,))
+
+
+@pytest.mark.parametrize("x", [2.5, 3.0, 5.0, 5.5])
+def test_cracks_beside_joints_are_not(x):
+    """In one body alone, up to the cells that join it."""
+    found = bodies((8, 2, 2), [(BONDS, "default", 4), (BONDS, "soft", 8)], cracks=(upright(x, 9.0),))
+    assert found.n_bodies == 2
+
+
+def test_cracks_in_the_overlap_of_one_body_are_as_with_other_corrections():
+    found = bodies((8, 2, 2), [(ELEMENTS, "default", 4), (BONDS, "default", 8)], {}, cracks=(upright(3.5, 9.0),))
+    assert found.n_bodies == 1

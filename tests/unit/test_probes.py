@@ -5,8 +5,8 @@ import pytest
 
 from pdfem_mpi.discretization import discretize
 from pdfem_mpi.fields import Fields
-from pdfem_mpi.probes import bar_results, displacement_at, measure_bar
-from pdfem_mpi.scene import BarProbe, Region
+from pdfem_mpi.probes import bar_results, displacement_at, measure_bar, measure_line
+from pdfem_mpi.scene import BarProbe, LineProbe, Material, Region
 from verification.bodies import fields_of_positions, make_scene
 
 ROUND_OFF = 1e-13  # of Newton's method, which ends at steps of 1e-13, and of eight products
@@ -173,3 +173,31 @@ def test_fields_of_the_overlap_are_not_taken_for_peridynamics():
     bar = measure_bar(scene, body, Fields(u_points.reshape(-1, 3), fields.u_nodes), PROBE, FACTOR)
     assert np.isfinite(bar.displacement).all()
     assert np.isfinite(displacement_at(body, Fields(u_points.reshape(-1, 3), fields.u_nodes), (5.5, 1.0, 1.0))).all()
+
+
+@pytest.mark.parametrize("n_elements", [0, 15], ids=["bonds alone", "behind elements"])
+def test_joints_of_fitted_bodies_are_peridynamics(n_elements):
+    """Two layers along a bar, cells of both at their nodes: what is no region of elements is not called so."""
+    z, length = 2.0, float(LENGTH)
+    regions = (
+        Region(name="lower", model="peridynamics", lower=(float(n_elements), 0.0, 0.0), upper=(length, 2.0, z)),
+        Region(name="upper", model="peridynamics", material="soft", lower=(float(n_elements), 0.0, z)),
+    )
+    if n_elements:
+        regions += (Region(name="elements", model="finite_elements", upper=(float(n_elements), 2.0, 2.0 * z)),)
+    scene = make_scene(
+        (LENGTH, 2, 4), loads=(), regions=regions, materials={"soft": Material(youngs_modulus=500.0)},
+        correction="fitted", coupling="exact",
+    )  # fmt: skip
+    body = discretize(scene)
+    assert (body.is_overlap & body.is_peridynamic).any()
+    fields = fields_of_positions(body, tension())
+    bar = measure_bar(scene, body, fields, PROBE, FACTOR)
+    results = bar_results(scene, body, bar, PROBE, FACTOR)
+    np.testing.assert_array_equal(bar.has_points, np.arange(LENGTH) >= n_elements)
+    assert ("modulus_ratio_finite_elements" in results) == bool(n_elements)
+    assert bar.interfaces == ((float(n_elements),) if n_elements else ())
+    assert bar.overlap == ((n_elements - 1.0, n_elements) if n_elements else None)
+    line = LineProbe(kind="line", name="a", start=(0.5, 1.0, 1.5), stop=(length - 0.5, 1.0, 1.5), n=LENGTH)
+    kind = measure_line(body, fields, line).kind
+    assert set(kind[:n_elements]) <= {"finite elements"} and set(kind[n_elements:]) == {"peridynamics"}

@@ -338,6 +338,26 @@ def test_areas_at_joints_stay_as_they_are():
     assert same[d.is_overlap].all() and not same[outside & ~d.is_overlap].any()
 
 
+def test_areas_at_joints_change_where_too_few_others_could():
+    """A fibre's ends have one cell each that no joint touches: alone they would change to twenty times their size."""
+    cells, box_of = (7, 7, 4), [((0, 0), (2, 7)), ((5, 0), (7, 7)), ((2, 0), (5, 2)), ((2, 5), (5, 7))]
+    regions = (
+        Region(name="fibre", lower=(2.0, 2.0, 0.0), upper=(5.0, 5.0, 4.0), **SOFT_BONDS),
+        *(Region(name=f"{k}", lower=(*low, 0.0), upper=(*up, 4.0), **BONDS) for k, (low, up) in enumerate(box_of)),
+    )
+    scene = make_scene(cells, regions=regions, materials=SOFT, correction="fitted", coupling="exact", loads=())
+    with patch.object(discretization, "make_mesh", lambda _: jittered(cells, 0.1, 1)):
+        d = discretization.discretize(scene)
+    boundary = find_boundary(d.mesh, d.nodes, d.body)
+    areas, change = body_fit.compatible_areas(d, boundary)
+    raw = area_vectors(boundary, len(d.body))
+    assert 1e-4 < change < 1e-2
+    assert np.abs(areas - raw).max() < 0.05 * np.abs(raw).max()
+    around = d.body == d.body[0]
+    same = (areas == raw).all(axis=(1, 2))
+    assert same[around & d.is_overlap].all() and not same[~around & d.is_overlap].any()
+
+
 def test_materials_of_the_same_stiffness_are_one_body():
     """The same bonds as without the second material, which may break at another stretch."""
     materials = {"weak": Material(youngs_modulus=1000.0, critical_stretch=1e-3)}
