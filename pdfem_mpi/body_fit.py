@@ -152,8 +152,9 @@ def _outcome(fit: Fit, reused: bool, key: str, n_bodies: int) -> BodyFit:
     if not fit.residual <= USELESS:
         note = (
             f'peridynamics.surface_correction = "fitted" found no factors: after {fit.sweeps} sweeps the residual is '
-            f'{fit.residual:.2g}, the largest factor {fit.largest_factor:.4g}. Using "virial" instead. More cells of '
-            "thickness or more even cells help."
+            f'{fit.residual:.2g}, the largest factor {fit.largest_factor:.4g}. Using "virial" instead'
+            f"{', in bodies that stay joined by their nodes' if n_bodies > 1 else ''}. More cells of thickness or more "
+            "even cells help."
         )
         return BodyFit(None, (note,), reused, key, n_bodies)
     return BodyFit(fit, _remarks(fit), reused, key, n_bodies)
