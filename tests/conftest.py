@@ -2,6 +2,7 @@
 
 import faulthandler
 import gc
+import sys
 
 import pytest
 
@@ -40,6 +41,20 @@ def time_limit(request):
     faulthandler.dump_traceback_later(seconds, exit=True, file=_stderr(request.config))
     yield
     faulthandler.cancel_dump_traceback_later()
+
+
+@pytest.fixture(autouse=True)
+def compiled_once():
+    """Every kernel is compiled for the types of its signature and no others, whichever test calls it."""
+    yield
+    warm_up = sys.modules.get("pdfem_mpi.kernels.warm_up")
+    if warm_up and not warm_up.numba.config.DISABLE_JIT:
+        others = {
+            kernel.__name__: types
+            for kernel, signature in warm_up.kernels().items()
+            if (types := [found for found in kernel.signatures if found != signature.args])
+        }
+        assert not others, f"compiled once more: {others}"
 
 
 @pytest.fixture(autouse=True)

@@ -67,7 +67,7 @@ def join_rows(rows, parent):
         Overwritten.
     """
     for row in rows:
-        first = -1
+        first = np.int64(-1)  # not the literal, for which numba would compile `join` once more
         for vertex in row:
             if vertex >= 0:
                 if first >= 0:

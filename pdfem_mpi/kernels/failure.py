@@ -88,7 +88,7 @@ def add_energies(row_start, row_offset, row_data, S, finite, digits):
     zero = splat(0.0)
     half = splat(0.5)
     stride = 2 * W if finite else W
-    n = 0
+    n = np.int64(0)  # not the literal, for which numba would compile `add_terms` once more
     blocks = 0
     for i in range(row_start.size - 1):
         c = i // W

@@ -36,10 +36,10 @@ def finish_product(w, fixed, z, r, sums):
         add_terms(first, m, sums[0])
         add_terms(second, m, sums[1])
         if start // BLOCK % BLOCKS == BLOCKS - 1:
-            for row in sums:
-                carry(row)
-    for row in sums:
-        carry(row)
+            for k in range(len(sums)):
+                carry(sums[k])
+    for k in range(len(sums)):
+        carry(sums[k])
 
 
 @njit(**_options)

@@ -50,10 +50,10 @@ def add_damping_sums(u, v, force, previous_force, inverse_mass, sums):
         if held:
             add_terms(reaction, m, sums[3])
         if start // BLOCK % BLOCKS == BLOCKS - 1:
-            for row in sums:
-                carry(row)
-    for row in sums:
-        carry(row)
+            for k in range(len(sums)):
+                carry(sums[k])
+    for k in range(len(sums)):
+        carry(sums[k])
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")

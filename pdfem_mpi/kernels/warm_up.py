@@ -107,7 +107,7 @@ def compile_kernels(features: Collection[str] | None = None) -> None:
     for kernel in kernels():
         kernel.disable_compile(False)  # those that the new ones call
     for kernel, signature in chosen.items():
-        kernel.compile(signature)
+        kernel.compile(tuple(signature.args))  # as a call does: the cache keeps an entry with a return type apart
     for kernel in kernels():
         if kernel.signatures:
             kernel.disable_compile()

@@ -227,6 +227,8 @@ for number, (name, (scene, _, _)) in enumerate(SCENES.items()):
     assert run(scene, mpi().COMM_SELF, out, write_deck(scene), True, Silence()) == 0, name
     called = {kernel for kernel in kernels() if kernel.signatures}
     assert called == expected, (name, [kernel.__name__ for kernel in called ^ expected])
+    for kernel in called:
+        assert kernel.signatures == [kernels()[kernel].args], (name, kernel.__name__)
     if number == 0:
         print(len(called), "of", len(kernels()), "kernels")
 for library in ("matplotlib", "meshio", "netCDF4", "gmsh"):
