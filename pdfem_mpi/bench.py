@@ -141,10 +141,9 @@ def best(comm, *actions: Callable[[], object], seconds: float = SECONDS) -> list
     return [Seconds(*row.tolist()) for row in least]
 
 
-def measure(case: dict, comm, small: bool) -> dict:
+def measure(case: dict, comm, small: bool, seconds: float) -> dict:
     """All numbers of one start, as nested dictionaries; equal on all ranks. Collective."""
     warm_up(comm)
-    seconds = SECONDS / 10 if small else SECONDS
     result = {"ranks": comm.size} | _measure_finite(case, comm, seconds)
     result["pd_linear"] = _measure_linear(case, comm, seconds)
     result["fe"], result["fe_general"] = _measure_elements(case, comm, seconds)
@@ -386,7 +385,8 @@ def start(case: dict, ranks: int, small: bool) -> dict:
     command, additions = launch.mpirun_command(ranks)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "case.json"
-        file.write_text(json.dumps({"case": case, "small": small}))
+        task = {"case": case, "small": small, "seconds": SECONDS / 10 if small else SECONDS}
+        file.write_text(json.dumps(task))
         program = [sys.executable, "-m", "pdfem_mpi", "bench", "--part", str(file)]
         _run([*command, *program], additions, f"on {ranks} ranks")
         return json.loads(file.with_suffix(".result").read_text())
@@ -395,7 +395,7 @@ def start(case: dict, ranks: int, small: bool) -> dict:
 def part(file: Path, comm) -> None:
     """The measuring start: read a case, measure, and write the numbers beside it. Collective."""
     task = json.loads(file.read_text())
-    result = measure(task["case"], comm, task["small"])
+    result = measure(task["case"], comm, task["small"], task["seconds"])
     if comm.rank == 0:
         file.with_suffix(".result").write_text(json.dumps(result, allow_nan=False))
 

@@ -2,12 +2,13 @@
 
 import json
 import math
+import sys
+from unittest.mock import patch
 
 import pytest
 
-from helpers import run_pdfem
-
-SECONDS = 120  # with a cold compile cache; 9 s with a warm one
+from helpers import ROOT, run_pdfem
+from pdfem_mpi import bench, cli
 
 KEYS = {
     "pd": (
@@ -47,12 +48,18 @@ KEYS = {
 }
 
 
+def run_here(*arguments):
+    """The exit code of the command in this process; what measures is started by it as ever."""
+    with patch.object(sys, "argv", ["pdfem", *map(str, arguments)]), pytest.raises(SystemExit) as end:
+        cli.main()
+    return end.value.code
+
+
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bench")
-    answer = run_pdfem("bench", "--small", "-n", "1", "--out", folder, timeout=SECONDS)
-    assert answer.returncode == 0, answer.stderr
-    assert "bonds/s/core" in answer.stdout
+    with patch.object(bench, "SECONDS", 0.1):  # the fewest repetitions
+        assert run_here("bench", "--small", "-n", "1", "--out", folder) == 0
     return json.loads((folder / "bench.json").read_text())
 
 
@@ -79,9 +86,15 @@ def test_the_case_is_counted_not_assumed(result):
         (("--deck", "jobs/none.toml"), "there is no such file"),
     ],
 )
-def test_what_cannot_be_measured_is_refused_at_once(arguments, words):
-    answer = run_pdfem("bench", *arguments)
-    assert answer.returncode == 64 and words in answer.stderr and "Traceback" not in answer.stderr
+def test_what_cannot_be_measured_is_refused_at_once(arguments, words, capsys):
+    assert run_here("bench", *arguments) == 64
+    said = capsys.readouterr().err
+    assert words in said and "Traceback" not in said
+
+
+def test_the_table_tells_the_rates(result, capsys):
+    cli._print_table("pdfem bench", bench.table(result))
+    assert "bonds/s/core" in capsys.readouterr().out
 
 
 def test_the_command_does_not_start_under_a_launcher():
@@ -89,7 +102,6 @@ def test_the_command_does_not_start_under_a_launcher():
     assert answer.returncode == 64 and "plain shell" in answer.stderr
 
 
-def test_sizes_cannot_be_taken_from_a_mesh_file():
-    answer = run_pdfem("bench", "--deck", "jobs/plate_fe_gmsh.toml", timeout=SECONDS)
-    assert answer.returncode == 64
-    assert "its mesh is a file, and only the sizes of a box can be taken" in answer.stderr
+def test_sizes_cannot_be_taken_from_a_mesh_file(capsys):
+    assert run_here("bench", "--deck", ROOT / "jobs/plate_fe_gmsh.toml") == 64
+    assert "its mesh is a file, and only the sizes of a box can be taken" in capsys.readouterr().err

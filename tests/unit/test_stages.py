@@ -60,7 +60,7 @@ def test_exit_code_fails_a_stage_whose_tests_passed(tmp_path):
     assert judged(tmp_path, [PASSED], reason="exit code 1") == (1, 1, "exit code 1")
 
 
-def test_time_out_ends_the_whole_family(tmp_path):
+def test_time_out_ends_the_whole_family(tmp_path, monkeypatch):
     """The grandchild has a session of its own and ignores SIGTERM, as a rank under a launcher may."""
     grandchild = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
     child = (
@@ -69,6 +69,7 @@ def test_time_out_ends_the_whole_family(tmp_path):
         f"open({str(tmp_path / 'pid')!r}, 'w').write(str(p.pid))\n"
         "time.sleep(60)"
     )
+    monkeypatch.setattr(stages, "GRACE_SECONDS", 0.5)
     with (tmp_path / "log").open("wb") as log:
         start = time.monotonic()
         assert stages.run_group([sys.executable, "-c", child], start + 1.5, log, {}) is None
