@@ -27,7 +27,7 @@ from pdfem_mpi.failure import Failure, describe_criterion, make_failure
 from pdfem_mpi.fields import Fields, digest_fields, fields_sha256, gather_damage, gather_fields, point_positions
 from pdfem_mpi.fingerprint import identity
 from pdfem_mpi.forces import Forces, NotFinite
-from pdfem_mpi.heap import large_arrays_apart
+from pdfem_mpi.heap import APART_BESIDE_BONDS, large_arrays_apart
 from pdfem_mpi.kernels.warm_up import compile_kernels, not_compiled
 from pdfem_mpi.loading import make_load_case
 from pdfem_mpi.memory import Need, check_mesh, check_model, resident, show_bytes
@@ -325,7 +325,7 @@ class _Run:
         if start.path:
             keeper.restarts.append(self._restart(start, state))
         pauses = Pauses(comm, self.ways.requests, keeper, scene.checkpoint, self.ways.end)
-        with _phase(self.seconds, "setup"), large_arrays_apart():
+        with _phase(self.seconds, "setup"), large_arrays_apart(APART_BESIDE_BONDS):
             solve = make_solver(scene, discretization, forces, case, tell, pauses)
             if start.path:
                 restore_late(start, broken, state, failure, solve)

@@ -12,7 +12,7 @@ import pytest
 from helpers import ROOT, run_python
 from pdfem_mpi.deck import write_deck
 from pdfem_mpi.fields import digest_fields, fields_sha256
-from pdfem_mpi.heap import large_arrays_apart
+from pdfem_mpi.heap import APART, large_arrays_apart
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.memory import resident
 from pdfem_mpi.needs import PARTS
@@ -196,7 +196,7 @@ def test_freed_arrays_of_set_up_go_back_to_the_system():
         before = resident()
         large, small = [], []
         for _ in range(64):
-            large.append(np.ones(1 << 17))
+            large.append(np.ones(APART // 8))
             small.append(np.ones(1 << 13))
         grown = resident() - before
         del large
