@@ -78,6 +78,7 @@ class Failure:
     extent: np.ndarray = field(default_factory=lambda: nowhere())
     last_extent: np.ndarray = field(default_factory=lambda: nowhere())
     _fresh: list[Broken] = field(default_factory=list)
+    _pairs: list[np.ndarray] | None = None
     _digits: np.ndarray = field(default_factory=lambda: np.zeros(SIZE, np.int64))
     _total: np.ndarray = field(default_factory=lambda: np.zeros(SIZE, np.int64))
     _box: np.ndarray = field(default_factory=lambda: nowhere())
@@ -122,6 +123,8 @@ class Failure:
             self._box[0, d] = min(self._box[0, d], middle.min())
             self._box[1, d] = max(self._box[1, d], middle.max())
         self._fresh.append(Broken(pairs, strengths))
+        if self._pairs is not None:
+            self._pairs.append(pairs)
 
     def close(self, model: Model) -> int:
         """Join the books of all ranks after an evaluation that breaks; the number of bonds it broke. Collective."""
@@ -148,6 +151,12 @@ class Failure:
         )
         self._fresh.clear()
         self._closed = 0
+        return taken
+
+    def take_pairs(self) -> np.ndarray:
+        """Local points of the bonds broken on this rank since the last call, int64, shape (n, 2); none at the first."""
+        taken = np.concatenate([np.empty((0, 2), np.int64), *(self._pairs or ())])
+        self._pairs = []
         return taken
 
     def largest_ratio(self, model: Model, S: np.ndarray) -> float:

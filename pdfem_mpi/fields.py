@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.damage import local_damage
+from pdfem_mpi.damage import Remaining, local_damage
 from pdfem_mpi.discretization import Discretization
+from pdfem_mpi.failure import Failure
 from pdfem_mpi.forces import Forces
 from pdfem_mpi.hex8 import gauss_positions
 from pdfem_mpi.model import Model
@@ -54,8 +55,17 @@ def gather_fields(discretization: Discretization, forces: Forces, u: np.ndarray)
     return Fields(u_points, u_nodes) if model.comm.rank == 0 else None
 
 
-def gather_damage(discretization: Discretization, model: Model) -> np.ndarray | None:
+def gather_damage(
+    discretization: Discretization, model: Model, remaining: Remaining | None = None, failure: Failure | None = None
+) -> np.ndarray | None:
     """Local damage (eq. 5) of all points in global order; None except on rank 0, or if not asked for. Collective.
+
+    Parameters
+    ----------
+    remaining : Remaining, optional
+        Of the calls before: without it all bonds are swept.
+    failure : Failure, optional
+        Whose books tell ``remaining`` which bonds broke since; without it none did.
 
     Returns
     -------
@@ -64,7 +74,11 @@ def gather_damage(discretization: Discretization, model: Model) -> np.ndarray | 
     if model.intact_weights is None:
         return None
     cells = model.points.cell_number[: model.points.n_owned]
-    rows = local_damage(model.comm, model.points, model.bonds, model.intact_weights)
+    body = model.comm, model.points, model.bonds
+    now = None
+    if remaining is not None:
+        now = remaining.without(*body, failure.take_pairs() if failure else np.empty((0, 2), np.int64))
+    rows = local_damage(*body, model.intact_weights, now)
     gathered = gather_rows(model.comm, cells, rows, discretization.n_point_cells)
     return None if gathered is None else gathered.reshape(-1)
 

@@ -145,7 +145,7 @@ def _things(
     if failure:
         yield "break_check", (failure.class_of, failure.stretch)
         yield "break_records", failure.records
-        yield "broken_bonds", (failure.global_pairs, failure._fresh)
+        yield "broken_bonds", (failure.global_pairs, failure._fresh, failure._pairs)
     if preconditioner:
         yield "intact_elements", (preconditioner.forces,)
         yield "coarse_grid", (preconditioner.grid,)

@@ -21,6 +21,7 @@ from pdfem_mpi import __version__
 from pdfem_mpi.body_fit import EXPECTED_SWEEPS, SWEEP_RATE, BodyFit
 from pdfem_mpi.bonds import count_by_material, total_bonds
 from pdfem_mpi.components import describe_loose
+from pdfem_mpi.damage import Remaining
 from pdfem_mpi.discretization import Discretization, ModelUnits, discretize, make_mesh
 from pdfem_mpi.element_rotations import TOLD, describe_rotation, largest_rotation
 from pdfem_mpi.failure import Failure, describe_criterion, make_failure
@@ -360,7 +361,7 @@ class _Run:
         code, reason, fields, damage, digest, rows = EXIT_FINISHED, None, None, None, None, 0
         over = state.program.pop("over", 0) and not start.changed
         n_steps = len(scene.stepping.load_factors) if isinstance(scene.stepping, Steps) else None
-        wanted = bool(scene.output.fields or scene.probes)
+        wanted, remaining = bool(scene.output.fields or scene.probes), Remaining()
         held = discretization, model, case, state, forces, failure, solve, keeper
         watched = Watched(forces, *held)
 
@@ -378,7 +379,7 @@ class _Run:
                 output_start = perf_counter()
                 fields = gather_fields(discretization, forces, state.u) if wanted else None
                 columns = _history_row(row, discretization.units, failure is not None)
-                damage = gather_damage(discretization, model)
+                damage = gather_damage(discretization, model, remaining, failure)
                 on_root(comm, lambda c=columns, f=fields, d=damage: writer(c, f, d))
                 self.reporter.row(columns)
                 output += perf_counter() - output_start
@@ -401,7 +402,8 @@ class _Run:
         self.seconds["output"] = output
         phases = {name: round(value, 6) for name, value in forces.seconds.items()}
         reasons = left_out(scene, discretization, failure, comm.size)
-        memory = describe_memory(comm, count_parts(*held, (fields, damage, writer)), watched, reasons, need, before)
+        parts = count_parts(*held, (fields, damage, remaining, writer))
+        memory = describe_memory(comm, parts, watched, reasons, need, before)
         loads = comm.gather(model.bonds.count if model.bonds else 0)
         evaluations = forces.evaluations
         if fields is not None:

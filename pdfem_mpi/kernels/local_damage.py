@@ -7,8 +7,22 @@ from numba import njit, types
 
 from pdfem_mpi.kernels.simd import W
 
+_options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
-@njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
+
+@njit(**_options)
+def add_pair(i, j, cell_number, x, volume, quantum, sums):
+    """Add the weights of one bond to its local points ``i`` and ``j``; the rest as of `add_bond_weights`."""
+    r2 = 0.0
+    for d in range(3):
+        r2 += (x[12 * (j // W) + W * d + j % W] - x[12 * (i // W) + W * d + i % W]) ** 2
+    weight = math.exp(-r2) / quantum
+    sums[i] += np.int64(np.rint(weight * volume[j]))
+    if cell_number[j // (2 * W)] != cell_number[i // (2 * W)] or (j - i) % (2 * W):
+        sums[j] += np.int64(np.rint(weight * volume[i]))
+
+
+@njit(**_options)
 def add_bond_weights(row_start, row_offset, row_data, stride, cell_number, x, volume, quantum, sums):
     """Add ``exp(-r0^2) w`` of the other point to both points of every bond that stands in the rows.
 
@@ -33,23 +47,30 @@ def add_bond_weights(row_start, row_offset, row_data, stride, cell_number, x, vo
         Added to, in quanta.
     """
     for i in range(row_start.size - 1):
-        own = 12 * (i // W) + i % W
         for row in range(row_start[i], row_start[i + 1]):
             c = np.int64(row_offset[row]) // (9 * W)
             for k in range(W):
-                if row_data[row * stride + k] == 0.0:
-                    continue
-                r2 = 0.0
-                for d in range(3):
-                    r2 += (x[12 * c + W * d + k] - x[own + W * d]) ** 2
-                weight = math.exp(-r2) / quantum
-                sums[i] += np.int64(np.rint(weight * volume[W * c + k]))
-                if cell_number[c // 2] != cell_number[i // (2 * W)] or (W * c + k - i) % (2 * W):
-                    sums[W * c + k] += np.int64(np.rint(weight * volume[i]))
+                if row_data[row * stride + k] != 0.0:
+                    add_pair(i, W * c + k, cell_number, x, volume, quantum, sums)
 
 
-_f8, _i8 = types.float64[::1], types.int64[::1]
+@njit(**_options)
+def add_listed_weights(pairs, cell_number, x, volume, quantum, sums):
+    """Add the weights of listed bonds, as `add_bond_weights` does of those in the rows.
+
+    Parameters
+    ----------
+    pairs : int64, shape (n, 2)
+        Local points, each bond once.
+    """
+    for t in range(pairs.shape[0]):
+        add_pair(pairs[t, 0], pairs[t, 1], cell_number, x, volume, quantum, sums)
+
+
+_f8, _i8, _int = types.float64[::1], types.int64[::1], types.int64
 SIGNATURES = {
+    add_pair: types.void(_int, _int, _i8, _f8, _f8, types.float64, _i8),
+    add_listed_weights: types.void(types.int64[:, ::1], _i8, _f8, _f8, types.float64, _i8),
     add_bond_weights: types.void(
         _i8, types.uint32[::1], types.float32[::1], types.int64, _i8, _f8, _f8, types.float64, _i8
     ),

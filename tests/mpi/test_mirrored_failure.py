@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from helpers import assert_all
+from pdfem_mpi.damage import Remaining
 from pdfem_mpi.failure import make_failure
-from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.fields import gather_damage
+from pdfem_mpi.parallel.comm import broadcast, mpi
+from pdfem_mpi.scene import Output
 from verification.bodies import build
 from verification.test_mirrored_failure import notched, pull
 
@@ -15,10 +18,13 @@ ROWS = 8
 
 
 def test_events_and_books_do_not_depend_on_the_number_of_ranks(comm):
-    """Rows of the history, ids of broken bonds, and a run on one rank taken over by all."""
-    scene = notched(("x-", "y-", "z-"))
+    """Rows of the history, ids of broken bonds, local damage, and a run on one rank taken over by all."""
+    scene = notched(("x-", "y-", "z-")).model_copy(update={"output": Output(damage=True)})
     alone, books, expected = pull(scene, mpi().COMM_SELF, ROWS)
-    body, failure, rows = pull(scene, comm, ROWS)
+    remaining = Remaining()
+    body, failure, rows = pull(
+        scene, comm, ROWS, lambda body, failure: gather_damage(body.discretization, body.model, remaining, failure)
+    )
     pairs = np.concatenate(comm.allgather(failure.broken_pairs()))
     told = [
         [(row.event, row.load_factor, row.reaction, row.broken, row.stored, row.released) for row in history]
@@ -28,7 +34,10 @@ def test_events_and_books_do_not_depend_on_the_number_of_ranks(comm):
     taken = make_failure(scene, again.discretization, again.model)
     taken.restore(again.model, books.broken_pairs(), books.dissipated_digits)
     restored = np.concatenate(comm.allgather(taken.broken_pairs()))
+    damage = broadcast(comm, gather_damage(body.discretization, body.model, remaining, failure))
+    by_all = gather_damage(alone.discretization, alone.model)
     assert_all(comm, told[0] == told[1], "histories differ")
+    assert_all(comm, (damage == by_all).all(), "damage differs")
     one = np.unique(books.broken_pairs(), axis=0).tolist()
     assert_all(comm, len(pairs) == len(one) and np.unique(pairs, axis=0).tolist() == one, "broken bonds differ")
     assert_all(comm, len(restored) == len(one) and np.unique(restored, axis=0).tolist() == one, "restored bonds differ")

@@ -4,11 +4,13 @@ import h5py
 import numpy as np
 import pytest
 
+from pdfem_mpi.damage import Remaining
 from pdfem_mpi.deck import DeckError, parse_deck
+from pdfem_mpi.failure import make_failure
 from pdfem_mpi.fields import gather_damage
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run import run
-from pdfem_mpi.scene import Crack, Output
+from pdfem_mpi.scene import Crack, Material, Output
 from verification.bodies import Silence, build, make_scene
 
 SINGLE = 2.0**-24  # fields are stored in single precision
@@ -43,6 +45,31 @@ def test_points_file_has_the_damage_beside_displacements(tmp_path, monkeypatch):
         assert len(fields["displacement"]) == len(expected)
         np.testing.assert_allclose(fields["damage"][:], expected, rtol=0, atol=SINGLE)
     assert expected.max() > 0.3
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        make_scene((5, 2, 2), 2, cracks=(Crack(polygon=((3.0, -1.0, -1.0), (3.0, 1.0, -1.0), (3.0, 1.0, 3.0))),)),
+        make_scene((2, 2, 1), kinematics="finite", symmetry=("x-", "y-", "z-")),
+    ],
+    ids=["coupled, linear", "eighth, finite"],
+)
+def test_weights_from_row_to_row_are_those_of_all_bonds_left(scene):
+    """Bonds that break are taken off, those between a point and its own mirror images too: the same bits."""
+    breaking = Material(youngs_modulus=scene.material.youngs_modulus, critical_stretch=0.01)
+    body = build(scene.model_copy(update={"material": breaking, "output": Output(damage=True)}), loaded=False)
+    failure = make_failure(body.scene, body.discretization, body.model)
+    remaining, means = Remaining(), []
+    for size in (0.0, 0.01, 0.03, 0.03):
+        u = body.of_positions(lambda x, size=size: size * np.sin(x + 2.0 * x[:, [1, 2, 0]]))
+        body.forces.evaluate_surely(u, np.zeros_like(u), np.empty_like(u), failure)
+        failure.close(body.model)
+        expected = gather_damage(body.discretization, body.model)
+        found = gather_damage(body.discretization, body.model, remaining, failure)
+        assert (found == expected).all()
+        means.append(found.mean())
+    assert means[0] < means[1] < means[2] == means[3] < 1.0 and failure.count > 100
 
 
 def test_nothing_is_computed_that_was_not_asked_for():

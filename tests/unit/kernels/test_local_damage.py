@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from unit.kernels.bodies import W, body, near_pairs, part, parts
 
-from pdfem_mpi.kernels.local_damage import add_bond_weights
+from pdfem_mpi.kernels.local_damage import add_bond_weights, add_listed_weights
 
 QUANTUM = 2.0**-40
 
@@ -40,6 +40,19 @@ def test_sums_are_those_of_the_pairs(kind, finite):
     rounding = len(whole.x) * QUANTUM
     sums = expected(whole, near_pairs(whole.x))[share.point]
     np.testing.assert_allclose(sums_of(share) * QUANTUM, sums, rtol=1e-14, atol=rounding)
+
+
+@pytest.mark.nojit
+def test_listed_bonds_have_the_weights_of_those_in_rows():
+    """Every bond once, in either order."""
+    whole = body((3, 2, 1), "graded")
+    share = part(whole)
+    local = np.argsort(share.point)  # of one part all points are own ones
+    pairs = local[near_pairs(whole.x)]
+    pairs[::2] = pairs[::2, ::-1]
+    listed, points = np.zeros(len(share.point), np.int64), share.points
+    add_listed_weights(pairs, points.cell_number, points.x, points.volume, QUANTUM, listed)
+    assert (listed == sums_of(share)).all() and listed.all()
 
 
 def test_broken_bonds_have_no_part():
