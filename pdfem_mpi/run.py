@@ -106,15 +106,14 @@ def draw_run(folder: Path, scene: Scene, film: bool = False) -> list[Path]:
 
 
 def warm_up(comm, features: Collection[str] | None = None) -> None:
-    """Compile the kernels that a scene with these features calls, or all of them: on one rank of each node first, so
-    that the others find them. Collective.
+    """Compile the kernels that a scene with these features calls, or all of them: each rank of a node compiles a share,
+    and finds those of the others. Collective.
     """
     node = node_communicator(comm)
-    if node.rank == 0:
-        compile_kernels(features)
-    node.Barrier()
-    if node.rank > 0:
-        compile_kernels(features)
+    if node.size > 1:
+        compile_kernels(features, node.rank, node.size)
+        node.Barrier()
+    compile_kernels(features)
     node.Free()
 
 

@@ -76,6 +76,8 @@ def stages(include_slow: bool) -> list[Stage]:
         return SLOW_SECONDS if include_slow else seconds
 
     slow = "" if include_slow else " and not slow"
+    command, additions = launch.mpirun_command(2)
+    settings = [f"{name}={value}" for name, value in additions.items()]
     return [
         Stage(
             "lint",
@@ -86,7 +88,8 @@ def stages(include_slow: bool) -> list[Stage]:
         Stage(
             "serial",
             [
-                [sys.executable, "-m", "pdfem_mpi", "warmup"],  # once, before two processes would both compile
+                # a share each, before two processes would both compile all
+                ["env", *settings, *command, sys.executable, "-m", "pdfem_mpi", "warmup"],
                 pytest("serial.xml", "-m", f"not mpi{slow}", "--ignore=tests/conventions", *TWO_AT_ONCE),
             ],
             limit(420),

@@ -90,7 +90,20 @@ def kernels(features: Collection[str] | None = None) -> dict[Any, Any]:
     return found
 
 
-def compile_kernels(features: Collection[str] | None = None) -> None:
+def share_out(chosen: Collection[Any], n: int) -> list[list[Any]]:
+    """Divide kernels among processes that compile at the same time; those that have a cache file together stay so."""
+    of_file: dict[str, list[Any]] = {}
+    for kernel in chosen:
+        of_file.setdefault(_cache_file(kernel), []).append(kernel)
+    largest_first = sorted(of_file.values(), key=len, reverse=True)
+    return [[kernel for group in largest_first[k::n] for kernel in group] for k in range(n)]
+
+
+def _cache_file(kernel: Any) -> str:
+    return kernel._cache._cache_file._index_path
+
+
+def compile_kernels(features: Collection[str] | None = None, share: int = 0, n_shares: int = 1) -> None:
     """Compile kernels for the one signature each is called with, or load them from the cache.
 
     Afterwards a call of one of them with other types is a TypeError instead of a silent second compilation. The others
@@ -100,14 +113,16 @@ def compile_kernels(features: Collection[str] | None = None) -> None:
     ----------
     features : words of `NEEDED_BY`, optional
         What the scene has; all kernels without.
+    share, n_shares : int
+        Which part of them, of how many, where several processes compile at the same time.
     """
     if numba.config.DISABLE_JIT:
         return
     chosen = kernels(features)
     for kernel in kernels():
         kernel.disable_compile(False)  # those that the new ones call
-    for kernel, signature in chosen.items():
-        kernel.compile(tuple(signature.args))  # as a call does: the cache keeps an entry with a return type apart
+    for kernel in share_out(chosen, n_shares)[share]:
+        kernel.compile(tuple(chosen[kernel].args))  # as a call does: the cache keeps an entry with a return type apart
     for kernel in kernels():
         if kernel.signatures:
             kernel.disable_compile()
@@ -117,4 +132,4 @@ def not_compiled(features: Collection[str] | None = None) -> int:
     """How many of the kernels are not in the cache."""
     if numba.config.DISABLE_JIT:
         return 0
-    return sum(not os.path.exists(kernel._cache._cache_file._index_path) for kernel in kernels(features))
+    return sum(not os.path.exists(_cache_file(kernel)) for kernel in kernels(features))

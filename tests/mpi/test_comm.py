@@ -170,7 +170,7 @@ def test_broadcast_takes_the_object_of_rank_0(comm):
 
 
 def test_ranks_of_one_machine_share_a_node(comm):
-    """Here all ranks run on one machine; the order is kept, so rank 0 of the node compiles."""
+    """Here all ranks run on one machine; each compiles a share."""
     node = node_communicator(comm)
     found = node.size, node.rank
     node.Free()

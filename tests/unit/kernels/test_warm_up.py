@@ -61,3 +61,12 @@ def test_kernels_return_what_their_signatures_say():
         kernel.compile(tuple(signature.args))
         found = kernel.overloads[signature.args].signature.return_type
         assert found == signature.return_type, kernel.__name__
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_kernels_are_shared_out_file_by_file(n):
+    """Two processes that write one file of the cache would lose what the other wrote, or take it for their own."""
+    shares = warm_up.share_out(warm_up.kernels(), n)
+    assert sorted(id(kernel) for share in shares for kernel in share) == sorted(map(id, warm_up.kernels()))
+    files = [{kernel._cache._cache_file._index_path for kernel in share} for share in shares]
+    assert sum(map(len, files)) == len(set.union(*files)) and all(files)
