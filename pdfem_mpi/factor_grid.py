@@ -75,12 +75,12 @@ class FactorGrid:
         """What the kernels take."""
         return self.n_points, self.x, self.lower, self.inverse_h, self.counts, self.number
 
-    def add_correction(self, comm, r: np.ndarray, quantum: float, z: np.ndarray) -> None:
-        """``z += T C^-1 T^t r`` for the owned points, vectors of shape (n_clusters, 10, 4). Collective."""
+    def add_correction(self, comm, r: np.ndarray, quantum: float, stiffness: float, z: np.ndarray) -> None:
+        """``z += T (stiffness C)^-1 T^t r`` for the owned points, vectors of shape (n_clusters, 10, 4). Collective."""
         sums = np.zeros((len(self.free) // N, N), np.int64)
         restrict_moments(*self.arrays, r.reshape(-1), quantum, sums)
         right = self._held((sum_integers(comm, sums) * quantum).reshape(-1))
-        correction = self._held(self.factor.solve(right))
+        correction = self._held(self.factor.solve(right)) / stiffness
         interpolate_moments(*self.arrays, correction.reshape(-1, N), z.reshape(-1))
 
     def _held(self, x: np.ndarray) -> np.ndarray:
@@ -89,13 +89,23 @@ class FactorGrid:
 
 def tensor(cutoff: float) -> np.ndarray:
     """``M_(da)(eb)`` as an array (3, 3, 10, 10): d, e, a, b."""
-    strength = math.pi * RESPONSE_CONSTANT * (1.0 - (1.0 + cutoff**2) * math.exp(-(cutoff**2)))
+    strength = math.pi * RESPONSE_CONSTANT * _third_moment(0.0, cutoff**2)
     axes = np.eye(3, dtype=np.int64)
     pairs = MONOMIALS[:, None] + MONOMIALS[None]
     powers = axes[:, None, None, None] + axes[None, :, None, None] + pairs[None, None]
     odd_factorial = np.array([1.0, 0.0, 1.0, 0.0, 3.0, 0.0, 15.0, 0.0, 105.0])  # (k - 1)!!, the mean of an even power
     mean = np.prod(odd_factorial[powers], axis=-1) / 945.0
     return strength * np.sqrt(np.outer(MULTIPLICITY, MULTIPLICITY)) * mean
+
+
+def share_of_long_bonds(nearest: float, cutoff: float) -> float:
+    """What the bonds longer than ``sqrt(nearest)`` have of the tensor's size."""
+    return _third_moment(nearest, cutoff**2) / _third_moment(0.0, cutoff**2)
+
+
+def _third_moment(a: float, b: float) -> float:
+    """``2 int r^3 exp(-r^2) dr`` from ``sqrt(a)`` to ``sqrt(b)``."""
+    return (1.0 + a) * math.exp(-a) - (1.0 + b) * math.exp(-b)
 
 
 def make_factor_grid(

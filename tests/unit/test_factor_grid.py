@@ -59,7 +59,7 @@ def test_grid_is_the_limit_of_the_operator_for_slow_multipliers():
     # C^-1 of the operator's own product gives the field back, up to its mean and the rough part
     r = np.ascontiguousarray(product.reshape(-1, 4, N).swapaxes(1, 2))
     z = np.zeros_like(r)
-    grid.add_correction(model.comm, r, 2.0**-45, z)
+    grid.add_correction(model.comm, r, 2.0**-45, 1.0, z)
     found = z.swapaxes(1, 2).reshape(-1, N)
     found -= found.mean(axis=0)
     energy = (found * product).sum() / ((x @ slopes) * product).sum()

@@ -24,8 +24,7 @@ from pdfem_mpi.state import new_state
 from verification.bodies import build, make_scene, run_deck
 
 # Displacement errors of patch tests in eps Delta. Bonds are stored in single precision, 6e-8; what is left of it
-# after the
-# long bonds have taken it back is 1e-10 in compact bodies, up to 1e-9 where thin ones bend.
+# after the long bonds have taken it back is 1e-10 in compact bodies, up to 8e-10 where thin ones bend.
 EXACT = 1e-9
 # Walls of two cells around a soft inside: they bend most.
 BENDS = 1e-8
@@ -133,13 +132,16 @@ def with_hole():
 MESHES = {
     # of a body whose cells are jittered, some have corners so sharp that free factors make it unstable; these have not
     "jittered": ((5, 4, 3), lambda: jittered((5, 4, 3), 0.15, 2), "free", EXACT),
+    # 1.2e-9 and 1.7e-9 where the points' own blocks alone precondition what undoes the rounding
+    "jittered, bends": ((6, 5, 4), lambda: jittered((6, 5, 4), 0.15, 2), "free", EXACT),
+    "slender, bends": ((40, 4, 4), lambda: jittered((40, 4, 4), 0.0, 0), "free", EXACT),
     "hole": ((14, 14, 3), with_hole, "free", EXACT),
     "hole, bounded": ((14, 14, 3), with_hole, "bounded", IN_SLACK),
 }
 
 
 @pytest.mark.parametrize(
-    "name", [name if name == "jittered" else pytest.param(name, marks=pytest.mark.slow) for name in MESHES]
+    "name", [name if "jittered" in name else pytest.param(name, marks=pytest.mark.slow) for name in MESHES]
 )
 def test_patch_tests_on_other_cells(name, record_property):
     """Hexahedra that are no cubes: free signs as exact, positive factors up to the slack at skewed corners."""
