@@ -13,7 +13,8 @@ local limit on a background grid (`factor_grid`).
 **Signs.** Factors of either sign balance any body. Positive ones, ``max(0, ...)``, are found by a semi-smooth Newton
 iteration on the multipliers: the energy whose gradient is the miss of the equations is convex, so a step is too long
 only where it leads up again. At corners of skewed cells no positive factors exist; there a slack ``omega v`` is
-added.
+added, and once it is solved for, ``omega (v - v1)`` about that solution ``v1``: what could do without slack then has
+hardly any.
 
 **Rounding.** Bonds are stored in single precision, which would leave 1e-8 of the strain. The miss is measured with the
 stored numbers and undone by the long bonds, whose numbers are a hundred times smaller and so are their last bits.
@@ -311,6 +312,7 @@ class _Equations:
         self.omega = SLACK * total / (N * n_points) if n_slack else 0.0
         self.blocks = inverse_blocks(sums, np.where(slack, self.omega, 0.0))
         self.grids = make_grids(self.omega)
+        self.centre: np.ndarray | float = 0.0  # the slack holds about these multipliers
 
     def solve_free(self) -> np.ndarray:
         """Multipliers whose factors have any sign: one linear solve."""
@@ -323,7 +325,7 @@ class _Equations:
         v = np.zeros_like(self.goal)
         miss = self._miss(v)
         first = size = math.sqrt(dots(self.comm, (miss, miss))[0])
-        turns = 0
+        turns, slack_is_new = 0, self.omega > 0.0
         while size > TOLERANCE * first and turns < MOST_TURNS and self.operator.sweeps < MOST_SWEEPS:
             if turns:
                 self.blocks = inverse_blocks(self.operator.blocks(HELD), np.where(self.slack, self.omega, 0.0))
@@ -339,13 +341,17 @@ class _Equations:
                     break  # closer, or still on the way down: the energy along the step is convex
                 v -= step
                 step *= 0.5
+            if slack_is_new and size <= TOLERANCE * first:
+                slack_is_new, self.centre = False, v.copy()
+                miss = self._miss(v)
+                size = math.sqrt(dots(self.comm, (miss, miss))[0])
         return v, turns
 
     def _miss(self, v: np.ndarray) -> np.ndarray:
         """What is left of the equations; marks the bonds whose factors are held at 0."""
         miss = self.goal - self.operator.moments(v, START, self.bounded)
         if self.omega:
-            miss -= self.omega * np.where(self.in_slack, v, 0.0)
+            miss -= self.omega * np.where(self.in_slack, v - self.centre, 0.0)
         return miss
 
     def _multiply(self, v: np.ndarray, size: float) -> np.ndarray:

@@ -28,8 +28,9 @@ from verification.bodies import build, make_scene, run_deck
 EXACT = 1e-9
 # Walls of two cells around a soft inside: they bend most.
 BENDS = 1e-8
-# Positive factors exist up to corners of skewed cells, whose points have a slack.
-IN_SLACK = 1e-2
+# Positive factors exist up to corners of skewed cells, whose points have a slack: measured 1.4e-3 and 2.1e-3 at these
+# plates' corners, 2.9e-3 and 1.15e-2 where the slack holds about 0 to the end.
+IN_SLACK = 2.5e-3
 # The paper's coupling, and appendix A, on the same bodies: .3 to .6 (test_section_3_2_coupling).
 LEAST_ERROR_OF_THE_PAPER = 0.1
 SOLVED = 1e-3  # of the error itself
@@ -125,8 +126,8 @@ def test_without_fitted_factors_the_same_patch_tests_fail():
     assert min(errors.values()) > LEAST_ERROR_OF_THE_PAPER, errors
 
 
-def with_hole():
-    return plate_with_hole((0.0, 0.0, 0.0), (14.0, 14.0, 3.0), 3.0, 1.0)
+def with_hole(thickness):
+    return plate_with_hole((0.0, 0.0, 0.0), (14.0, 14.0, float(thickness)), 3.0, 1.0)
 
 
 MESHES = {
@@ -135,8 +136,10 @@ MESHES = {
     # 1.2e-9 and 1.7e-9 where the points' own blocks alone precondition what undoes the rounding
     "jittered, bends": ((6, 5, 4), lambda: jittered((6, 5, 4), 0.15, 2), "free", EXACT),
     "slender, bends": ((40, 4, 4), lambda: jittered((40, 4, 4), 0.0, 0), "free", EXACT),
-    "hole": ((14, 14, 3), with_hole, "free", EXACT),
-    "hole, bounded": ((14, 14, 3), with_hole, "bounded", IN_SLACK),
+    "hole": ((14, 14, 3), lambda: with_hole(3), "free", EXACT),
+    "hole, two cells, free": ((14, 14, 2), lambda: with_hole(2), "free", EXACT),
+    "hole, bounded": ((14, 14, 3), lambda: with_hole(3), "bounded", IN_SLACK),
+    "hole, two cells, bounded": ((14, 14, 2), lambda: with_hole(2), "bounded", IN_SLACK),
 }
 
 
