@@ -79,7 +79,7 @@ def fit_body(
     Parameters
     ----------
     bonds : Bonds
-        Without correction; overwritten unless the body is too thin. Of no use without a fit.
+        With the correction by the virial stress; overwritten unless a body is too thin. Of no use without a fit.
     signs : "free" or "bounded"
     folders : paths
         Where fits are looked for and left; used on rank 0.

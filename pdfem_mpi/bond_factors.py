@@ -4,11 +4,12 @@ Because lambda = mu at nu = 1/4, the six strains times three components of a poi
 
     sum_j k_ij g_ij n_a n_b n_c = -mu (delta_ab N_c + delta_ac N_b + delta_bc N_a)(i)        for a <= b <= c
 
-with ``k_ij = c exp(-r^2) w_i w_j`` and the area vectors N of `boundary_areas`. The factors of smallest weighted
-change from a constant, ``g_ij = g0 + (v_i - v_j) . t(xi) / r^4``, have ten multipliers ``v`` a point: one symmetric
-linear system for all of them, solved by conjugate gradients whose operator is a sweep over the bonds
-(`bond_moments`). Its preconditioner adds the inverse 10 x 10 blocks of the points and a solve with the operator's
-local limit on a background grid (`factor_grid`).
+with ``k_ij = c exp(-r^2) w_i w_j`` and the area vectors N of `boundary_areas`. The bonds come with the correction by the
+virial stress. The factors of smallest weighted change from it are ``1 + (v_i - v_j) . t(xi) / r^4`` times its own, with
+ten multipliers ``v`` a point: one symmetric linear system for all of them, solved by conjugate gradients whose operator
+is a sweep over the bonds (`bond_moments`). Its preconditioner adds the inverse 10 x 10 blocks of the points and a solve
+with the operator's local limit on a background grid (`factor_grid`). Where the fit starts decides how bonds near a
+surface answer to gradients of strain, which the equations leave open.
 
 **Signs.** Factors of either sign balance any body. Positive ones, ``max(0, ...)``, are found by a semi-smooth Newton
 iteration on the multipliers: the energy whose gradient is the miss of the equations is convex, so a step is too long
@@ -39,8 +40,6 @@ from pdfem_mpi.parallel.comm import largest, sum_integers
 
 #: Shear modulus in model units, where E = 1 and nu = 1/4.
 SHEAR_MODULUS = 0.4
-#: Factors start here: what the cutoff and the lattice take from the closed form of the stiffness.
-START = 1.0 / 0.98
 #: A fit ends at this residual, relative to that of the start.
 TOLERANCE = 1e-9
 #: Reduction of the residual by one linear solve on the way to positive factors, and most of its iterations.
@@ -190,7 +189,7 @@ def fit_factors(
     Parameters
     ----------
     bonds : Bonds
-        Without correction; the stored numbers are overwritten.
+        With the correction by the virial stress; the stored numbers are overwritten.
     modulus : float64, shape (n_materials,)
         Young's moduli in model units.
     areas : float64, shape (n_owned * 8, 3), dimension length^2
@@ -217,7 +216,7 @@ def fit_factors(
     equations = _Equations(operator, goal, bounded, slack, make_grids)
     v, turns = equations.solve_bounded() if bounded else (equations.solve_free(), 1)
     multipliers = [v]
-    held, smallest, top = operator.write(v, START, bounded)
+    held, smallest, top = operator.write(v, 1.0, bounded)
     nothing, in_slack = np.zeros_like(v), equations.in_slack
     miss = goal - operator.moments(nothing, 1.0, False)
     for fraction in LONG_BONDS:
@@ -257,9 +256,9 @@ def fit_factors(
 def write_factors(
     comm, points: Points, bonds: Bonds, modulus: np.ndarray, multipliers: list[np.ndarray], bounded: bool
 ) -> Bonds:
-    """Write the factors of an earlier fit into bonds without correction: the same bits. Collective."""
+    """Write the factors of an earlier fit into bonds with the correction by the virial stress: the same bits. Collective."""
     operator = Operator(comm, points, bonds, modulus)
-    operator.write(multipliers[0], START, bounded)
+    operator.write(multipliers[0], 1.0, bounded)
     for v, fraction in zip(multipliers[1:], LONG_BONDS, strict=False):
         operator.write(v, 1.0, bounded, _nearest(bonds, fraction))
     return operator.bonds
@@ -349,7 +348,7 @@ class _Equations:
 
     def _miss(self, v: np.ndarray) -> np.ndarray:
         """What is left of the equations; marks the bonds whose factors are held at 0."""
-        miss = self.goal - self.operator.moments(v, START, self.bounded)
+        miss = self.goal - self.operator.moments(v, 1.0, self.bounded)
         if self.omega:
             miss -= self.omega * np.where(self.in_slack, v - self.centre, 0.0)
         return miss

@@ -228,7 +228,7 @@ def build_model(
         correction, body_fit = scene.peridynamics.surface_correction, None
         settings = (comm, points, discretization.materials, discretization.cutoff, finite)
         if correction == "fitted":
-            bonds, _ = make_bonds(*settings, "none")
+            bonds, _ = make_bonds(*settings, "virial")
             signs = scene.peridynamics.signs
             with large_arrays_together():
                 bonds, body_fit = fit_body(comm, discretization, subdomain, points, bonds, signs, fits)
