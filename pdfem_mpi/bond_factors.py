@@ -4,8 +4,8 @@ Because lambda = mu at nu = 1/4, the six strains times three components of a poi
 
     sum_j k_ij g_ij n_a n_b n_c = -mu (delta_ab N_c + delta_ac N_b + delta_bc N_a)(i)        for a <= b <= c
 
-with ``k_ij = c exp(-r^2) w_i w_j`` and the area vectors N of `boundary_areas`. The bonds come with the correction by the
-virial stress. The factors of smallest weighted change from it are ``1 + (v_i - v_j) . t(xi) / r^4`` times its own, with
+with ``k_ij = c exp(-r^2) w_i w_j`` and the area vectors N of `boundary_areas`. The bonds come corrected by the virial
+stress. The factors of smallest weighted change from it are ``1 + (v_i - v_j) . t(xi) / r^4`` times its own, with
 ten multipliers ``v`` a point: one symmetric linear system for all of them, solved by conjugate gradients whose operator
 is a sweep over the bonds (`bond_moments`). Its preconditioner adds the inverse 10 x 10 blocks of the points and a solve
 with the operator's local limit on a background grid (`factor_grid`). Where the fit starts decides how bonds near a
@@ -216,16 +216,16 @@ def fit_factors(
     equations = _Equations(operator, goal, bounded, slack, make_grids)
     v, turns = equations.solve_bounded() if bounded else (equations.solve_free(), 1)
     multipliers = [v]
-    held, smallest, top = operator.write(v, 1.0, bounded)
+    held, smallest, top = operator.write(v, bounded)
     nothing, in_slack = np.zeros_like(v), equations.in_slack
-    miss = goal - operator.moments(nothing, 1.0, False)
+    miss = goal - operator.moments(nothing, False)
     for fraction in LONG_BONDS:
         v, reached = _undo_rounding(operator, equations.grids, np.where(in_slack, 0.0, miss), _nearest(bonds, fraction))
         if not reached <= LEAST_REFINEMENT:
             break
         multipliers.append(v)
-        held += operator.write(v, 1.0, bounded, _nearest(bonds, fraction))[0]
-        miss = goal - operator.moments(nothing, 1.0, False)
+        held += operator.write(v, bounded, _nearest(bonds, fraction))[0]
+        miss = goal - operator.moments(nothing, False)
 
     scale = float(largest(comm, np.array([np.abs(goal).max(initial=0.0)]))[0]) or 1.0
     parts = [np.where(in_slack, 0.0, miss), np.where(in_slack, miss, 0.0)]
@@ -256,11 +256,11 @@ def fit_factors(
 def write_factors(
     comm, points: Points, bonds: Bonds, modulus: np.ndarray, multipliers: list[np.ndarray], bounded: bool
 ) -> Bonds:
-    """Write the factors of an earlier fit into bonds with the correction by the virial stress: the same bits. Collective."""
+    """Write the factors of an earlier fit into bonds corrected by the virial stress: the same bits. Collective."""
     operator = Operator(comm, points, bonds, modulus)
-    operator.write(multipliers[0], 1.0, bounded)
+    operator.write(multipliers[0], bounded)
     for v, fraction in zip(multipliers[1:], LONG_BONDS, strict=False):
-        operator.write(v, 1.0, bounded, _nearest(bonds, fraction))
+        operator.write(v, bounded, _nearest(bonds, fraction))
     return operator.bonds
 
 
@@ -348,7 +348,7 @@ class _Equations:
 
     def _miss(self, v: np.ndarray) -> np.ndarray:
         """What is left of the equations; marks the bonds whose factors are held at 0."""
-        miss = self.goal - self.operator.moments(v, 1.0, self.bounded)
+        miss = self.goal - self.operator.moments(v, self.bounded)
         if self.omega:
             miss -= self.omega * np.where(self.in_slack, v - self.centre, 0.0)
         return miss

@@ -71,7 +71,7 @@ class Operator:
             kernels.add_normal_products(*rows.arrays, *self._tables, pattern, bonds.finite, held, nearest)
         return self._sums(quantum) * ROOTS
 
-    def moments(self, v: np.ndarray, start: float, bounded: bool) -> np.ndarray:
+    def moments(self, v: np.ndarray, bounded: bool) -> np.ndarray:
         """The ten moments with the factors of some multipliers; bounded: marks the bonds whose factor is held at 0."""
         bonds, bound = self.bonds, 8.0 * self.bonds.strongest
         self._load(v)
@@ -79,7 +79,7 @@ class Operator:
             quantum, pattern = self._start(bonds.added - bonds.taken, bound)
             peak = np.zeros(1)
             for rows in bonds.rows:
-                kernels.add_moments(*rows.arrays, *self._tables, pattern, bonds.finite, start, bounded, peak)
+                kernels.add_moments(*rows.arrays, *self._tables, pattern, bonds.finite, bounded, peak)
             top = float(largest(self.comm, peak)[0])
             if top <= bound:
                 return self._sums(quantum) * ROOTS
@@ -96,7 +96,7 @@ class Operator:
             sums[:, N * part : N * part + N] = self._sums(quantum).swapaxes(1, 2).reshape(-1, N)
         return sums
 
-    def write(self, v: np.ndarray, start: float, bounded: bool, nearest: float = 0.0) -> tuple[int, float, float]:
+    def write(self, v: np.ndarray, bounded: bool, nearest: float = 0.0) -> tuple[int, float, float]:
         """Multiply the bonds longer than ``sqrt(nearest)`` by the factors of some multipliers.
 
         Returns
@@ -109,9 +109,7 @@ class Operator:
         self._load(v)
         extremes, held = np.array([0.0, 0.0, -math.inf, -math.inf]), 0
         for rows in self.bonds.rows:
-            held += kernels.write_factors(
-                *rows.arrays, self._tables[0], self.bonds.finite, start, bounded, nearest, extremes
-            )
+            held += kernels.write_factors(*rows.arrays, self._tables[0], self.bonds.finite, bounded, nearest, extremes)
         strongest, stiffest, top, low = largest(self.comm, extremes).tolist()
         self.bonds = replace(self.bonds, strongest=strongest, stiffest=stiffest)
         return int(sum_integers(self.comm, np.array([held]))[0]), -low, top

@@ -5,13 +5,12 @@ of the bond strengths ``k_ij = c exp(-r^2) w_i w_j g_ij`` have given values::
 
     sum_j k_ij t_a(n_ij) = b_a(i),        t = (xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz, zzz)
 
-The factors of smallest weighted change from a constant ``g0`` are ``g_ij = g0 + (v_i - v_j) . t(xi) / r^4`` with ten
-multipliers a point, each monomial counted as often as it occurs in the symmetric tensor (`MULTIPLICITY`).
+The factors of smallest weighted change from 1 are ``g_ij = 1 + (v_i - v_j) . t(xi) / r^4`` with ten multipliers a
+point, each monomial counted as often as it occurs in the symmetric tensor (`MULTIPLICITY`).
 
 **Table.** ``T[cluster][27][4]``: rows 0-2 positions, 3-12 multipliers, 13-22 sums as bit patterns, the rest unused; a
-row's cluster starts at three times the offset of the sweeps' table. Rows hold the numbers of `families.fill_rows`
-without correction; while positive factors are sought, the sign bit of a stored number marks a bond whose factor is
-held at 0.
+row's cluster starts at three times the offset of the sweeps' table. Rows hold the numbers of `families.fill_rows`;
+while positive factors are sought, the sign bit of a stored number marks a bond whose factor is held at 0.
 """
 
 import math
@@ -210,8 +209,8 @@ def add_normal_products(row_start, row_offset, row_data, T, TI, pattern, finite,
 
 
 @njit(**_options)
-def add_moments(row_start, row_offset, row_data, T, TI, pattern, finite, start, bounded, peak):
-    """Add the ten moments ``sum_j k_ij g_ij t(n_ij)`` with ``g_ij = start + (v_i - v_j) . t(xi) / r^4``.
+def add_moments(row_start, row_offset, row_data, T, TI, pattern, finite, bounded, peak):
+    """Add the ten moments ``sum_j k_ij g_ij t(n_ij)`` with ``g_ij = 1 + (v_i - v_j) . t(xi) / r^4``.
 
     Parameters are those of `add_normal_products`, and
 
@@ -219,7 +218,6 @@ def add_moments(row_start, row_offset, row_data, T, TI, pattern, finite, start, 
     ----------
     pattern : float
         ``M``; a term is at most ``k g``.
-    start : float
     bounded : bool
         Factors below 0 are 0, and their bonds marked: the sign bits of ``row_data`` are overwritten.
     peak : float64, shape (1,)
@@ -240,7 +238,7 @@ def add_moments(row_start, row_offset, row_data, T, TI, pattern, finite, start, 
             z = load(T, b + 2 * W) - splat(T[own + 2 * W])
             r2 = _squared(x, y, z)
             t = _monomials(x, y, z)
-            g = splat(start) + _difference(T, own, b, t) / (r2 * r2)
+            g = splat(1.0) + _difference(T, own, b, t) / (r2 * r2)
             if bounded:
                 below = lanes(g)
                 g = largest(g, zero)
@@ -299,8 +297,8 @@ def add_blocks(row_start, row_offset, row_data, T, TI, pattern, finite, held, ne
 
 
 @njit(**_options)
-def write_factors(row_start, row_offset, row_data, T, finite, start, bounded, nearest, extremes):
-    """Multiply the stored numbers by the factors ``start + (v_i - v_j) . t(xi) / r^4``, and drop the marks.
+def write_factors(row_start, row_offset, row_data, T, finite, bounded, nearest, extremes):
+    """Multiply the stored numbers by the factors ``1 + (v_i - v_j) . t(xi) / r^4``, and drop the marks.
 
     Parameters are those of `add_moments`, and
 
@@ -337,7 +335,7 @@ def write_factors(row_start, row_offset, row_data, T, finite, start, bounded, ne
                 dot = (v[0] * x * x + v[1] * x * y + v[2] * x * z + v[3] * y * y + v[4] * y * z + v[5] * z * z) * x
                 dot += (v[6] * y * y + v[7] * y * z + v[8] * z * z) * y + v[9] * z * z * z
                 sign = -1.0 if row_data[place] < 0 and not bounded else 1.0
-                g = start + sign * dot / (r2 * r2) if r2 > nearest else 1.0
+                g = 1.0 + sign * dot / (r2 * r2) if r2 > nearest else 1.0
                 if bounded and g <= 0.0:
                     g = 0.0
                     held += 1
@@ -517,9 +515,9 @@ _rows = (_i8, types.uint32[::1], _f4)
 _grid = (types.int64, _f8, _f8, _f8, _i8, _i8)
 SIGNATURES = {
     add_normal_products: types.void(*_rows, _f8, _i8, _real, _flag, _real, _real),
-    add_moments: types.void(*_rows, _f8, _i8, _real, _flag, _real, _flag, _f8),
+    add_moments: types.void(*_rows, _f8, _i8, _real, _flag, _flag, _f8),
     add_blocks: types.void(*_rows, _f8, _i8, _real, _flag, _real, _real, types.int64),
-    write_factors: types.int64(*_rows, _f8, _flag, _real, _flag, _real, _f8),
+    write_factors: types.int64(*_rows, _f8, _flag, _flag, _real, _f8),
     invert_blocks: types.void(types.float64[:, ::1], _f8, types.float32[:, ::1]),
     multiply_blocks: types.void(types.float32[:, ::1], _f8, _f8),
     restrict_moments: types.void(*_grid, _f8, _real, types.int64[:, ::1]),

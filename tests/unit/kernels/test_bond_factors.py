@@ -12,7 +12,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:overflow")  # numpy's integers w
 
 ROUND_OFF = 1e-12  # of the largest sum: numpy uses the stored numbers, and only additions and products differ
 FAMILY = 600  # bonds of a point at most, each rounded to a quantum
-START, HELD, NEAREST = 1.02, 1e-3, 1.7
+HELD, NEAREST = 1e-3, 1.7
 both_layouts = pytest.mark.parametrize("finite", [True, False])
 sizes = pytest.mark.parametrize(
     "n_cells", [pytest.param((2, 1, 1), marks=pytest.mark.nojit), (4, 3, 2)], ids=["tiny", "small"]
@@ -108,14 +108,14 @@ def test_moments(finite, bounded, n_cells):
     peak = np.zeros(1)
 
     def kernel(share, rows, tables, pattern):
-        bond_factors.add_moments(*rows.arrays, *tables, pattern, finite, START, bounded, peak)
+        bond_factors.add_moments(*rows.arrays, *tables, pattern, finite, bounded, peak)
 
     i, j, k = bonds_of(share)
     total, quantum = swept([share], v, kernel, 100.0 * share.bonds.strongest)
     xi = whole.x[j] - whole.x[i]
     r2 = (xi**2).sum(axis=1)
     t = monomials(xi)
-    g = START + ((v[i] - v[j]) * t).sum(axis=1) / r2**2
+    g = 1.0 + ((v[i] - v[j]) * t).sum(axis=1) / r2**2
     assert (g < -0.01).any()
     used = np.maximum(g, 0.0) if bounded else g
     expected = scattered(len(v), i, j, (k * used)[:, None] * t, -1.0)
@@ -135,15 +135,13 @@ def test_factors_are_written_into_the_bonds(finite, n_cells):
         i, j, k = bonds_of(share)
         xi = whole.x[j] - whole.x[i]
         r2 = (xi**2).sum(axis=1)
-        g = np.where(r2 > NEAREST, START + ((v[i] - v[j]) * monomials(xi)).sum(axis=1) / r2**2, 1.0)
+        g = np.where(r2 > NEAREST, 1.0 + ((v[i] - v[j]) * monomials(xi)).sum(axis=1) / r2**2, 1.0)
         expected = k * (np.maximum(g, 0.0) if bounded else g)
         held, extremes = 0, np.array([0.0, 0.0, -np.inf, -np.inf])
         T = table(share, v, np.zeros(len(whole.x), np.int64), 0.0)
         before = [rows.data != 0.0 for rows in share.bonds.rows]
         for rows in share.bonds.rows:
-            held += bond_factors.write_factors(
-                *rows.arrays, T.reshape(-1), finite, START, bounded, NEAREST, extremes
-            )
+            held += bond_factors.write_factors(*rows.arrays, T.reshape(-1), finite, bounded, NEAREST, extremes)
         width = 2 * W if finite else W
         found = []
         for rows, was in zip(share.bonds.rows, before, strict=True):
@@ -170,7 +168,7 @@ def test_a_second_factor_of_negative_numbers_adds_in_proportion_to_their_size(fi
     change = ((v[i] - v[j]) * monomials(xi)).sum(axis=1) / (xi**2).sum(axis=1) ** 2
     T = table(share, v, np.zeros(len(whole.x), np.int64), 0.0)
     for rows in share.bonds.rows:
-        bond_factors.write_factors(*rows.arrays, T.reshape(-1), finite, 1.0, False, 0.0, np.zeros(4))
+        bond_factors.write_factors(*rows.arrays, T.reshape(-1), finite, False, 0.0, np.zeros(4))
     np.testing.assert_allclose(bonds_of(share)[2], k + abs(k) * change, rtol=2.0**-22)
 
 
