@@ -28,7 +28,7 @@ from pdfem_mpi.parallel.comm import broadcast, gather_rows
 from pdfem_mpi.subdomain import Subdomain
 
 #: Counts up whenever the algorithm gives other numbers: fits of before are not used again.
-VERSION = 5
+VERSION = 6
 #: Sweeps over the bonds that a fit takes on bodies of cubes, and bonds a second and core, all work between included.
 EXPECTED_SWEEPS, SWEEP_RATE = {"free": 200, "bounded": 390}, 7.5e7
 #: A residual above this is told, and above that a fit does not serve: a few of its factors are hundreds and more.
