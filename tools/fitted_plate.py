@@ -95,9 +95,7 @@ def station_table(lines: Mapping[str, Mapping[str, np.ndarray]]) -> str:
     text = "| station | elements / 1e-3 in | " + " | ".join(columns) + " |\n|" + "---|" * (2 + len(columns)) + "\n"
     for component in COMPONENTS:
         exact = at_stations(reference, reference[component], component)
-        rows = [
-            at_stations(reference, differences(lines[label], reference, component), component) for label in columns
-        ]
+        rows = [at_stations(reference, differences(lines[label], reference, component), component) for label in columns]
         for k, x in enumerate(STATIONS[component]):
             cells = " | ".join(f"{row[k]:+.2f} %" for row in rows)
             text += f"| {component}, x = {x:g} | {1e3 * exact[k]:.4f} | {cells} |\n"
