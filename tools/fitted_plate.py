@@ -121,8 +121,10 @@ def draw_plate(path: Path, lines: Mapping[str, Mapping[str, np.ndarray]], spacin
     x = reference["x"]
     right = x >= -1e-9
     figure, rows = plt.subplots(
-        3, 2, figsize=(9.6, 8.6), layout="constrained", sharex=True, sharey="row", height_ratios=(1.0, 1.0, 1.2)
+        3, 2, figsize=(9.6, 8.8), layout="constrained", sharex=True, height_ratios=(1.0, 1.0, 1.2)
     )
+    for left, right_hand in rows[1:]:
+        right_hand.sharey(left)
     for column, component in enumerate(COMPONENTS):
         top, middle, bottom = rows[:, column]
         for number, (label, (colour, style, marker)) in enumerate(CURVES.items()):
@@ -143,8 +145,9 @@ def draw_plate(path: Path, lines: Mapping[str, Mapping[str, np.ndarray]], spacin
             axes.spines[["top", "right"]].set_visible(False)
     rows[0, 0].annotate("interface", (2.0, rows[0, 0].get_ylim()[1]), (3, -10), textcoords="offset points", fontsize=8)
     rows[0, 0].set_ylabel("displacement / $10^{-3}$ in")
-    rows[1, 0].set_ylabel("from elements, % of the local value")
-    rows[2, 0].set_ylabel(f"the same without appendix A;\ngrey: {AGREED:g} %")
+    rows[0, 1].set_ylim(0.0, None)
+    rows[1, 0].set_ylabel("from elements\n% of the local value")
+    rows[2, 0].set_ylabel(f"the same without appendix A\n(grey: {AGREED:g} %)")
     figure.legend(*rows[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
     figure.suptitle(f"The paper's plate without failure, cells of {spacing:g} in, right half of its bottom line")
     figure.savefig(path, metadata={"Date": None})
