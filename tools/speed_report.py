@@ -43,10 +43,10 @@ MODES = {  # of corrections: words in a row's name, marker
 }
 BODIES = {"bar": "o", "plate": "s"}
 SOLVERS = {"cg": "-", "adr": ":"}
+NAMES = {"cg": "conjugate gradients (cg)", "adr": "relaxation (adr)"}
 PHYSICS = ("internal_length", "cutoff", "correction", "signs", "fit", "kinematics", "interface")
 DARK, GREY = "#333333", "#888888"
-LEGEND = {"frameon": False, "fontsize": 8, "loc": "upper center", "bbox_to_anchor": (0.5, -0.12), "ncols": 3}
-FLOOR = 1e-2  # percent; smaller errors stand on the lower edge of the figure's first panel
+FLOOR = 1e-2  # percent; smaller errors stand on the lower edge of the figure, and fronts do not tell them apart
 SVG_STYLE = {"svg.fonttype": "none", "svg.hashsalt": "pdfem", "font.size": 9, "axes.titlesize": 10}
 
 
@@ -95,9 +95,10 @@ def pareto_front(costs, errors, gain=0.0) -> list[int]:
 
 
 def front_of(rows) -> list[Row]:
-    """Return the rows on the front of those with bonds, cheapest first."""
+    """Return the rows on the front of those with bonds, cheapest first; errors below ``FLOOR`` count as that."""
     rows = [row for row in rows if row.case.model != "fe"]
-    return [rows[i] for i in pareto_front([row.total for row in rows], [row.error for row in rows], GAIN)]
+    errors = [None if row.error is None else max(row.error, FLOOR) for row in rows]
+    return [rows[i] for i in pareto_front([row.total for row in rows], errors, GAIN)]
 
 
 def table(header, rows) -> str:
@@ -291,9 +292,9 @@ hole (section 4.2) on {ranks} ranks, {processor()}. {idle}
 * Unless a row says otherwise: `cg` to 1e-6, linear kinematics, l = Delta, r_c = 2.5 l, correction of appendix A; in
   coupled cases bonds at x > 0 of the bar or |x| < 2 of the plate.
 * **Front**: cases with bonds that no other case with bonds beats in both error and core-seconds, fits counted ("yes");
-  "found" where a case is on it only if fits are found from before. Elements alone are
-  cheaper than all of them, and cannot break. Where bonds go is not a free choice: wherever the body may break. The
-  series over the region's size tell what a larger one costs.
+  "found" where a case is on it only if fits are found from before. Errors below {FLOOR:g} % count as that. Elements
+  alone are cheaper, and cannot break. Where bonds go is not a free choice: wherever the body may break. The series over
+  the region's size tell what a larger one costs.
 * **float32**: bonds are always stored in float32 (K and 1/r0^2) and computed in float64; there is no other storage to
   compare with, so no series. The rounding changes forces by at most 5e-8 of the largest (`docs/performance.md`; a test
   holds it below 1e-7): about 1e-5 percent, below every error of a case with bonds. Both sides of a
@@ -375,14 +376,19 @@ def _costs(row):
 def draw(path, bodies, fronts, with_found) -> None:
     """Draw error against core-seconds for both bodies beside solver error against sweeps, as an SVG."""
     with rc_context(SVG_STYLE):
-        figure = Figure(figsize=(13.5, 5.6), layout="constrained")
-        *errors, right = figure.subplots(1, 3)
+        figure = Figure(figsize=(13.5, 5.8), layout="constrained")
+        (*errors, right), keys = figure.subplots(2, 3, height_ratios=(1.0, 0.17))
+        errors[1].sharey(errors[0])
         for axes, body in zip(errors, bodies, strict=True):
             _draw_error(axes, body, bodies[body], fronts[body], with_found[body])
-        errors[1].sharey(errors[0])
         _draw_solver_error(right, bodies)
+        for axes, handles, columns in zip(keys, _keys(), (2, 3, 2), strict=True):
+            axes.set_axis_off()
+            axes.legend(handles=handles, ncols=columns, loc="upper center", frameon=False, fontsize=8)
         for axes in (*errors, right):
             axes.set(xscale="log", yscale="log")
+            if not axes.lines:  # nothing run yet
+                axes.set_xlim(1.0, 10.0)
             axes.grid(color="#e4e4e4", linewidth=0.6)
             axes.set_axisbelow(True)
             axes.spines[["top", "right"]].set_visible(False)
@@ -414,27 +420,11 @@ def _draw_error(axes, body, rows, front, with_found):
             clip_on=False,
         )
     for line, style, width in ((front, "-", 1.1), (with_found, ":", 1.0)):
+        if not line:
+            continue
         at = ([row.total for row in line], [max(row.error, FLOOR) for row in line])
         axes.step(*at, style, where="post", color=DARK, linewidth=width, clip_on=False, zorder=1)
-    if body == "bar":
-        handles = [Line2D([], [], color=c, marker="o", linestyle="", label=WHERE[m]) for m, c in COLOURS.items()]
-        handles += [
-            Line2D([], [], color=DARK, linewidth=1.1, label="front of cases with bonds"),
-            Line2D([], [], color=DARK, linestyle=":", linewidth=1.0, label="the same where fits are found"),
-        ]
-    else:
-        handles = [
-            Line2D([], [], color=GREY, marker=marker, linestyle="", label=words or "correction of appendix A")
-            for words, marker in MODES.values()
-        ]
-        label = "open: the fit is found"
-        handles.append(Line2D([], [], color=GREY, marker="s", markerfacecolor="white", linestyle="", label=label))
-        handles += [
-            Line2D([], [], color=GREY, marker="o", linestyle="", markersize=_size(h), label=f"spacing {h:g}")
-            for h in (0.2, 0.1, 0.05)
-        ]
-    axes.legend(handles=handles, **LEGEND | {"ncols": 2 if body == "bar" else 3})
-    axes.set_title(f"{body.capitalize()}: error of the answer (lower edge: {FLOOR:g} % or less)")
+    axes.set_title(f"{body.capitalize()}: error (on the lower edge {FLOOR:g} % or less)")
     axes.set(xlabel="core-seconds, fit, set-up and solve", ylabel="error in percent")
 
 
@@ -457,15 +447,36 @@ def _draw_solver_error(axes, bodies):
             markerfacecolor=COLOURS[model] if body == "bar" else "white",
             markersize=_size(spacing),
         )
-    names = {"cg": "conjugate gradients (cg)", "adr": "relaxation (adr)"}
-    handles = [Line2D([], [], color=DARK, linestyle=style, label=names[name]) for name, style in SOLVERS.items()]
-    handles += [
-        Line2D([], [], color=GREY, marker=marker, markerfacecolor=face, linestyle="", label=body)
-        for (body, marker), face in zip(BODIES.items(), (GREY, "white"), strict=True)
-    ]
-    axes.legend(handles=handles, **LEGEND | {"ncols": 2})
-    axes.set_title("What the solver leaves, tolerances from 1e-2 to 1e-8")
+    axes.set_title("What the solver leaves of tolerances of 1e-2 to 1e-8")
     axes.set(xlabel="sweeps", ylabel="solver error in percent")
+
+
+def _keys():
+    """Legends: colours and fronts, markers and sizes, solvers and bodies."""
+
+    def mark(marker, label, colour=GREY, face=None, size=6.0):
+        options = {"color": colour, "markerfacecolor": face or colour, "markersize": size}
+        return Line2D([], [], marker=marker, linestyle="", label=label, **options)
+
+    def line(style, label):
+        return Line2D([], [], color=DARK, linestyle=style, linewidth=1.1, label=label)
+
+    return (
+        [
+            *(mark("o", WHERE[model], colour) for model, colour in COLOURS.items()),
+            line("-", "front of cases with bonds"),
+            line(":", "the same where fits are found"),
+        ],
+        [
+            *(mark(marker, words or "appendix A") for words, marker in MODES.values()),
+            mark("s", "fit found", face="white"),
+            *(mark("o", f"spacing {h:g}", size=_size(h)) for h in (0.2, 0.1, 0.05)),
+        ],
+        [
+            *(line(style, NAMES[solver]) for solver, style in SOLVERS.items()),
+            *(mark(BODIES[body], body, face=face) for body, face in zip(BODIES, (GREY, "white"), strict=True)),
+        ],
+    )
 
 
 def _size(spacing):

@@ -264,3 +264,24 @@ def test_a_found_fit_is_on_a_front_of_its_own_and_is_not_recommended(report, too
     recommended = report.recommendations("bar", list(rows.values()))
     assert "fitted, cg to 1e-6: 1.0e-3 %, 9.00 core-s" in recommended
     assert "found" not in recommended
+
+
+def test_a_dearer_case_is_not_on_the_front_for_errors_that_are_both_negligible(report, tool):
+    cases = [tool.Case("bar", "pd", spacing, correction="fitted") for spacing in (0.2, 0.1)]
+    fit = {"sweeps": 213, "reused": False}
+    results = {
+        case: make_result(*numbers, fit) for case, numbers in zip(cases, ((3.0, 1e-5), (9.0, 1e-7)), strict=True)
+    }
+    assert [row.case for row in report.front_of(report.make_row(c, results, None) for c in cases)] == cases[:1]
+
+
+def test_report_of_a_series_that_has_just_begun(report, tool, tmp_path):
+    """Of one body nothing has run: its rows say so, and its panel is empty."""
+    series, reference = tool.make_series(quick=True), tool.reference_case(quick=True)
+    results = {tool.Case("bar", "pd", 0.1): make_result(3.0, 6.0)}
+    report.write_report(tmp_path, series, reference, results, 2)
+    text = (tmp_path / "speed_vs_error.md").read_text()
+    assert "| peridynamics, spacing 0.1, cg to 1e-6 | 1,000 | 20 | 1.00 | 3.00 | 6.00 | **yes** |" in text
+    assert "| peridynamics, spacing 0.1, fitted, fit found, cg to 1e-6 | not run |" in text
+    figure = (tmp_path / "figures" / "speed_vs_error.svg").read_text()
+    assert all(f">{words}<" in figure for words in ("virial", "fitted, positive", "fit found", "spacing 0.05"))
