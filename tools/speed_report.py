@@ -66,14 +66,25 @@ class Row:
         return self.result["sweeps"]
 
     @property
+    def share(self) -> float:
+        """Part of the ranks' wall time in which they had the processor: 1 but where other work used more than a little.
+
+        What idle cores could not take of the others' use was taken from the ranks.
+        """
+        others, ranks = self.result["cores_used_by_others"], self.result["ranks"]
+        if others <= BUSY_CORES:
+            return 1.0
+        return 1.0 - max(0.0, others - (self.result.get("cores", ranks) - ranks)) / ranks
+
+    @property
     def solve(self) -> float:
         """Core-seconds of the solve."""
-        return self.result["solve_core_seconds"]
+        return self.share * self.result["solve_core_seconds"]
 
     @property
     def total(self) -> float:
         """Core-seconds of set-up and solve."""
-        return self.result["setup_core_seconds"] + self.solve
+        return self.share * self.result["setup_core_seconds"] + self.solve
 
 
 def pareto_front(costs, errors, gain=0.0) -> list[int]:
@@ -265,7 +276,12 @@ def opening(results, ranks) -> str:
     idle = "Nothing else used the processor meanwhile."
     if busy:
         idle = f"""Other work used more than {BUSY_CORES} of a core in {busy} of the
-runs; their times are marked `~`."""
+runs; the share of the processor that it took is taken off their times, which are marked `~`."""
+    earlier = sum(result.get("earlier_build", False) for result in results.values())
+    if earlier:
+        idle += f"""
+{earlier} of the runs, marked `^`, are of an earlier build with slower conjugate gradients: their sweeps and times are
+upper bounds; displacements are the same."""
     return f"""# Speed against error
 
 Written by `tools/speed_vs_error`: {len(results)} runs of the decks of the paper's bar (section 4.1) and plate with a
@@ -370,7 +386,8 @@ def fit_sweeps(row) -> str:
 
 def _costs(row):
     mark = "~" if row.result["cores_used_by_others"] > BUSY_CORES else ""
-    return [f"{row.result['sweeps']:,}", mark + seconds(row.solve), mark + seconds(row.total)]
+    sweeps = f"{row.result['sweeps']:,}" + ("^" if row.result.get("earlier_build") else "")
+    return [sweeps, mark + seconds(row.solve), mark + seconds(row.total)]
 
 
 def draw(path, bodies, fronts, with_found) -> None:

@@ -1,6 +1,7 @@
 """The chart of speed against error: its Pareto front, its tables, and what it recommends."""
 
 import importlib.util
+import json
 import sys
 from dataclasses import replace
 from importlib.machinery import SourceFileLoader
@@ -226,7 +227,7 @@ def test_modes_in_words_and_which_may_break(report, tool, settings, text, breaks
     assert [suits(case) for suits in report.NEEDS.values()] == [False, breaks, not breaks, False]
 
 
-def make_result(seconds, error, fit=None):
+def make_result(seconds, error, fit=None, others=0.0):
     """What is kept of a run of the bar whose end has an error in percent."""
     return {
         "status": "finished",
@@ -237,7 +238,8 @@ def make_result(seconds, error, fit=None):
         "solve_core_seconds": 1.0,
         "counts": {"undirected_bonds": 1000},
         "probes": {"end_displacement": 5.0e-3 * (1.0 + error / 100.0), "end_error_percent": error},
-        "cores_used_by_others": 0.0,
+        "cores_used_by_others": others,
+        "ranks": 2,
     }
 
 
@@ -273,6 +275,44 @@ def test_a_dearer_case_is_not_on_the_front_for_errors_that_are_both_negligible(r
         case: make_result(*numbers, fit) for case, numbers in zip(cases, ((3.0, 1e-5), (9.0, 1e-7)), strict=True)
     }
     assert [row.case for row in report.front_of(report.make_row(c, results, None) for c in cases)] == cases[:1]
+
+
+@pytest.mark.parametrize(
+    ("others", "cores", "seconds"),
+    [(0.2, 2, 8.0), (1.0, 2, 4.0), (1.5, 2, 2.0), (1.5, 3, 6.0), (1.5, 4, 8.0), (1.0, None, 4.0)],
+    ids=["a little", "half", "most", "a core to spare", "two to spare", "cores not kept"],
+)
+def test_time_that_others_took_is_taken_off(report, tool, others, cores, seconds):
+    """Two ranks that were 8 core-seconds under way."""
+    case = tool.Case("bar", "pd", 0.1)
+    result = make_result(8.0, 6.0, others=others) | ({"cores": cores} if cores else {})
+    row = report.make_row(case, {case: result}, None)
+    assert row.total == pytest.approx(seconds)
+    assert row.solve == pytest.approx(seconds / 8.0)
+
+
+def test_runs_of_an_earlier_build_fill_in_and_are_marked(report, tool, tmp_path):
+    case, other = tool.Case("bar", "pd", 0.1), tool.Case("bar", "pd", 0.1, solver="adr")
+    settings = {
+        "body": "bar",
+        "model": "pd",
+        "spacing": 0.1,
+        "tolerance": 1e-6,
+        "solver": "cg",
+        "correction": "appendix_a",
+    }
+    stored = make_result(3.0, 6.0) | {"case": settings}
+    for each in (case, other):
+        (tmp_path / f"{each.name}.json").write_text(json.dumps(stored))
+    assert tool.of_earlier_build(tmp_path, case, 2) == stored | {"earlier_build": True}
+    assert tool.of_earlier_build(tmp_path, other, 2) is None  # a file of other settings
+    assert tool.of_earlier_build(tmp_path, case, 4) is None
+    assert tool.of_earlier_build(tmp_path, replace(case, cutoff=3.0), 2) is None
+    results = {case: stored | {"earlier_build": True}}
+    row = report.make_row(case, results, None)
+    cells = report.series_table("bar: any", [case], {case: row}, results, {"bar": []}, {"bar": []}).splitlines()[4]
+    assert "| 20^ | 1.00 | 3.00 |" in cells
+    assert "1 of the runs, marked `^`" in report.opening(results, 2)
 
 
 def test_report_of_a_series_that_has_just_begun(report, tool, tmp_path):
