@@ -280,8 +280,7 @@ runs; the share of the processor that it took is taken off their times, which ar
     earlier = sum(result.get("earlier_build", False) for result in results.values())
     if earlier:
         idle += f"""
-{earlier} of the runs, marked `^`, are of an earlier build with slower conjugate gradients: their sweeps and times are
-upper bounds; displacements are the same."""
+{earlier} of the runs, marked `^`, are of an earlier build."""
     return f"""# Speed against error
 
 Written by `tools/speed_vs_error`: {len(results)} runs of the decks of the paper's bar (section 4.1) and plate with a
