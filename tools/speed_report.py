@@ -19,21 +19,34 @@ LEVELS = (5.0, 3.0, 1.0, 0.1)  # percent
 SCATTER = 0.1  # of the times of one case
 GAIN = 0.01  # what a dearer case on the front must take off the error
 BUSY_CORES = 0.2  # others' share of the processor above which a time is marked
-NEEDS = {"bonds everywhere": ("pd",), "bonds in a part": ("paper", "paper_a"), "elements only": ("fe",)}
+COUPLED = ("paper", "paper_a")
 MODELS = {
     "fe": "elements",
     "pd": "peridynamics",
     "paper": "coupled, reading B",
     "paper_a": "coupled, reading A",
 }
-# Colours of Okabe & Ito (2008), as in the program's own figures; markers tell the bodies apart.
+# Colours of Okabe & Ito (2008), as in the program's own figures.
 COLOURS = {"fe": "#0072B2", "pd": "#D55E00", "paper": "#009E73", "paper_a": "#CC79A7"}
-MARKERS = {"bar": "o", "plate": "s"}
+WHERE = {
+    "fe": "elements",
+    "pd": "peridynamics",
+    "paper": "coupled, reading B (fitted: exact)",
+    "paper_a": "coupled, reading A",
+}
+MODES = {  # of corrections: words in a row's name, marker
+    "none": ("no correction", "x"),
+    "appendix_a": ("", "o"),
+    "virial": ("virial", "^"),
+    "fitted": ("fitted", "s"),
+    "fitted, positive": ("fitted, positive", "D"),
+}
+BODIES = {"bar": "o", "plate": "s"}
 SOLVERS = {"cg": "-", "adr": ":"}
-PHYSICS = ("internal_length", "cutoff", "correction", "kinematics", "interface")
-DARK = "#333333"
-LEGEND = {"frameon": False, "fontsize": 8, "loc": "upper center", "bbox_to_anchor": (0.5, -0.12), "ncols": 3}
-FLOOR = 1e-2  # percent; smaller errors stand on the lower edge of the figure's first panel
+NAMES = {"cg": "conjugate gradients (cg)", "adr": "relaxation (adr)"}
+PHYSICS = ("internal_length", "cutoff", "correction", "signs", "fit", "kinematics", "interface")
+DARK, GREY = "#333333", "#888888"
+FLOOR = 1e-2  # percent; smaller errors stand on the lower edge of the figure, and fronts do not tell them apart
 SVG_STYLE = {"svg.fonttype": "none", "svg.hashsalt": "pdfem", "font.size": 9, "axes.titlesize": 10}
 
 
@@ -53,14 +66,25 @@ class Row:
         return self.result["sweeps"]
 
     @property
+    def share(self) -> float:
+        """Part of the ranks' wall time in which they had the processor: 1 but where other work used more than a little.
+
+        What idle cores could not take of the others' use was taken from the ranks.
+        """
+        others, ranks = self.result["cores_used_by_others"], self.result["ranks"]
+        if others <= BUSY_CORES:
+            return 1.0
+        return 1.0 - max(0.0, others - (self.result.get("cores", ranks) - ranks)) / ranks
+
+    @property
     def solve(self) -> float:
         """Core-seconds of the solve."""
-        return self.result["solve_core_seconds"]
+        return self.share * self.result["solve_core_seconds"]
 
     @property
     def total(self) -> float:
         """Core-seconds of set-up and solve."""
-        return self.result["setup_core_seconds"] + self.solve
+        return self.share * self.result["setup_core_seconds"] + self.solve
 
 
 def pareto_front(costs, errors, gain=0.0) -> list[int]:
@@ -79,6 +103,13 @@ def pareto_front(costs, errors, gain=0.0) -> list[int]:
         if not front or errors[i] < (1.0 - gain) * errors[front[-1]]:
             front.append(i)
     return front
+
+
+def front_of(rows) -> list[Row]:
+    """Return the rows on the front of those with bonds, cheapest first; errors below ``FLOOR`` count as that."""
+    rows = [row for row in rows if row.case.model != "fe"]
+    errors = [None if row.error is None else max(row.error, FLOOR) for row in rows]
+    return [rows[i] for i in pareto_front([row.total for row in rows], errors, GAIN)]
 
 
 def table(header, rows) -> str:
@@ -153,12 +184,35 @@ def enough(rows, level, solver):
     return loosest
 
 
+def mode(case) -> str:
+    """Return the correction of a case, one of ``MODES``."""
+    return "fitted, positive" if case.correction == "fitted" and case.signs == "bounded" else case.correction
+
+
+def may_break(case) -> bool:
+    """Whether the program lets bonds of this case break: fitted factors of free signs are refused."""
+    return case.model != "fe" and mode(case) != "fitted"
+
+
+NEEDS = {
+    "bonds everywhere": lambda case: case.model == "pd" and may_break(case),
+    "bonds in a part": lambda case: case.model in COUPLED and may_break(case),
+    "bonds that never break": lambda case: case.model != "fe" and not may_break(case),
+    "elements only": lambda case: case.model == "fe",
+}
+
+
 def settings(case) -> str:
     """Return a case in words, without what is the default."""
-    words = [MODELS[case.model], f"spacing {case.spacing:g}"]
-    for field, label in (("internal_length", "l/Delta"), ("cutoff", "r_c/l"), ("correction", "correction")):
+    exact = case.model in COUPLED and case.correction == "fitted"
+    words = ["coupled, exact" if exact else MODELS[case.model], f"spacing {case.spacing:g}"]
+    for field, label in (("internal_length", "l/Delta"), ("cutoff", "r_c/l")):
         if case.differs(field):
             words.append(f"{label} {getattr(case, field)}")
+    if MODES[mode(case)][0]:
+        words.append(MODES[mode(case)][0])
+    if case.fit == "found":
+        words.append("fit found")
     if case.interface is not None:
         words.append(f"peridynamics {region(case)}")
     if case.differs("kinematics"):
@@ -201,20 +255,16 @@ def write_report(folder, series, reference, results, ranks) -> None:
         body: [row for case, row in rows.items() if case.body == body and case != reference]
         for body in ("bar", "plate")
     }
-    fronts = {}
-    for body, of_body in bodies.items():
-        with_bonds = [row for row in of_body if row.case.model != "fe"]
-        fronts[body] = [
-            with_bonds[i] for i in pareto_front([r.total for r in with_bonds], [r.error for r in with_bonds], GAIN)
-        ]
+    fronts = {body: front_of(row for row in of_body if row.case.fit == "fresh") for body, of_body in bodies.items()}
+    with_found = {body: front_of(of_body) for body, of_body in bodies.items()}
     folder = Path(folder)
     (folder / "figures").mkdir(parents=True, exist_ok=True)
-    draw(folder / "figures" / "speed_vs_error.svg", bodies, fronts)
+    draw(folder / "figures" / "speed_vs_error.svg", bodies, fronts, with_found)
     parts = [opening(results, ranks)]
     for body in bodies:
         parts += [recommendations(body, bodies[body]), front_table(body, fronts[body])]
     for title, cases in series.items():
-        parts.append(series_table(title, cases, rows, results, fronts))
+        parts.append(series_table(title, cases, rows, results, fronts, with_found))
     path = folder / "speed_vs_error.md"
     path.with_suffix(".tmp").write_text("\n".join(parts))
     path.with_suffix(".tmp").replace(path)
@@ -226,7 +276,11 @@ def opening(results, ranks) -> str:
     idle = "Nothing else used the processor meanwhile."
     if busy:
         idle = f"""Other work used more than {BUSY_CORES} of a core in {busy} of the
-runs; their times are marked `~`."""
+runs; the share of the processor that it took is taken off their times, which are marked `~`."""
+    earlier = sum(result.get("earlier_build", False) for result in results.values())
+    if earlier:
+        idle += f"""
+{earlier} of the runs, marked `^`, are of an earlier build."""
     return f"""# Speed against error
 
 Written by `tools/speed_vs_error`: {len(results)} runs of the decks of the paper's bar (section 4.1) and plate with a
@@ -245,11 +299,17 @@ hole (section 4.2) on {ranks} ranks, {processor()}. {idle}
   break, take 1e-4 or less.
 * **Sweeps**: evaluations of all forces. **Core-seconds**: ranks times wall seconds, of the solve alone and of set-up
   and solve. Kernels are compiled before.
+* **Modes**: bonds with the correction of appendix A, with none, with that of the virial stress, or with fitted factors
+  of free signs or positive ones; fitted bonds are coupled exactly. "core-s all" of fitted factors holds the fit, but in
+  rows named "fit found", where an earlier run had left it: another load case of the same body. Free signs are refused
+  where bonds may break. Ends of fitted bonds are pulled by tractions, all others by the paper's body forces in the last
+  layer of cells.
 * Unless a row says otherwise: `cg` to 1e-6, linear kinematics, l = Delta, r_c = 2.5 l, correction of appendix A; in
   coupled cases bonds at x > 0 of the bar or |x| < 2 of the plate.
-* **Front**: cases with bonds that no other case with bonds beats in both error and core-seconds. Elements alone are
-  cheaper than all of them, and cannot break. Where bonds go is not a free choice: wherever the body may break. The
-  series over the region's size tell what a larger one costs.
+* **Front**: cases with bonds that no other case with bonds beats in both error and core-seconds, fits counted ("yes");
+  "found" where a case is on it only if fits are found from before. Errors below {FLOOR:g} % count as that. Elements
+  alone are cheaper, and cannot break. Where bonds go is not a free choice: wherever the body may break. The series over
+  the region's size tell what a larger one costs.
 * **float32**: bonds are always stored in float32 (K and 1/r0^2) and computed in float64; there is no other storage to
   compare with, so no series. The rounding changes forces by at most 5e-8 of the largest (`docs/performance.md`; a test
   holds it below 1e-7): about 1e-5 percent, below every error of a case with bonds. Both sides of a
@@ -271,8 +331,8 @@ def recommendations(body, rows) -> str:
     lines = []
     for level in LEVELS:
         line = [f"**{level:g} %**"]
-        for models in NEEDS.values():
-            chosen = [row for row in rows if row.case.model in models and row.error is not None]
+        for suits in NEEDS.values():
+            chosen = [row for row in rows if suits(row.case) and row.case.fit == "fresh" and row.error is not None]
             row = cheapest(chosen, level)
             if row is not None:
                 line.append(f"{settings(row.case)}: {percent(row.error)} %, {seconds(row.total)} core-s")
@@ -292,11 +352,12 @@ def front_table(body, front) -> str:
     return heading + table(["case", "sweeps", "core-s solve", "core-s all", "error %"], rows)
 
 
-def series_table(title, cases, rows, results, fronts) -> str:
+def series_table(title, cases, rows, results, fronts, with_found) -> str:
     """Return the table of one series."""
     body = title.split(":")[0]
-    plate, solver = body == "plate", "tolerance" in title
-    header = ["case", "bonds", "sweeps", "core-s solve", "core-s all", "error %"]
+    plate, solver, correction = body == "plate", "tolerance" in title, "correction" in title
+    header = ["case", "bonds", *(["fit's sweeps"] if correction else []), "sweeps", "core-s solve", "core-s all"]
+    header += ["error %"]
     header += (["hole %"] if plate else []) + (["solver error %"] if solver else []) + ["front"]
     lines = []
     for case in dict.fromkeys(cases):
@@ -305,77 +366,82 @@ def series_table(title, cases, rows, results, fronts) -> str:
             reason = "not converged" if case in results else "not run"
             lines.append([settings(case), reason, *[None] * (len(header) - 2)])
             continue
-        line = [settings(case), f"{row.result['counts']['undirected_bonds']:,}", *_costs(row), percent(row.error)]
+        line = [settings(case), f"{row.result['counts']['undirected_bonds']:,}"]
+        line += [fit_sweeps(row)] if correction else []
+        line += [*_costs(row), percent(row.error)]
         line += ([percent(row.hole_error)] if plate else []) + ([percent(row.solver_error)] if solver else [])
-        lines.append([*line, "**yes**" if row in fronts[body] else ""])
+        on_front = "**yes**" if row in fronts[body] else "found" if row in with_found[body] else ""
+        lines.append([*line, on_front])
     notes = sorted({note for case in cases if case in rows for note in results[case]["notes"]})
     return f"## {title[0].upper()}{title[1:]}\n\n" + table(header, lines) + "".join(f"\nLog: {n}\n" for n in notes)
 
 
+def fit_sweeps(row) -> str:
+    """Return the sweeps of a fit that the row's time holds; empty without one."""
+    if row.case.correction != "fitted":
+        return ""
+    return "0" if row.case.fit == "found" else f"{row.result['fit']['sweeps']:,}"
+
+
 def _costs(row):
     mark = "~" if row.result["cores_used_by_others"] > BUSY_CORES else ""
-    return [f"{row.result['sweeps']:,}", mark + seconds(row.solve), mark + seconds(row.total)]
+    sweeps = f"{row.result['sweeps']:,}" + ("^" if row.result.get("earlier_build") else "")
+    return [sweeps, mark + seconds(row.solve), mark + seconds(row.total)]
 
 
-def draw(path, bodies, fronts) -> None:
-    """Draw error against core-seconds beside solver error against sweeps, as an SVG."""
+def draw(path, bodies, fronts, with_found) -> None:
+    """Draw error against core-seconds for both bodies beside solver error against sweeps, as an SVG."""
     with rc_context(SVG_STYLE):
-        figure = Figure(figsize=(10.0, 5.2), layout="constrained")
-        left, right = figure.subplots(1, 2)
-        _draw_error(left, bodies, fronts)
+        figure = Figure(figsize=(13.5, 5.8), layout="constrained")
+        (*errors, right), keys = figure.subplots(2, 3, height_ratios=(1.0, 0.17))
+        errors[1].sharey(errors[0])
+        for axes, body in zip(errors, bodies, strict=True):
+            _draw_error(axes, body, bodies[body], fronts[body], with_found[body])
         _draw_solver_error(right, bodies)
-        for axes in (left, right):
+        for axes, handles, columns in zip(keys, _keys(), (2, 3, 2), strict=True):
+            axes.set_axis_off()
+            axes.legend(handles=handles, ncols=columns, loc="upper center", frameon=False, fontsize=8)
+        for axes in (*errors, right):
             axes.set(xscale="log", yscale="log")
+            if not axes.lines:  # nothing run yet
+                axes.set_xlim(1.0, 10.0)
             axes.grid(color="#e4e4e4", linewidth=0.6)
             axes.set_axisbelow(True)
             axes.spines[["top", "right"]].set_visible(False)
             axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axes.xaxis.set_major_formatter(lambda value, _: f"{value:,g}")
             axes.xaxis.set_minor_formatter(NullFormatter())
-        left.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        left.set_ylim(FLOOR, None)
+        errors[0].set_ylim(FLOOR, None)
+        errors[0].yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         figure.savefig(path, metadata={"Date": None})
 
 
-def _draw_error(axes, bodies, fronts):
-    """Each case, and the fronts of those with bonds."""
-    for body, marker in MARKERS.items():
-        for model, colour in COLOURS.items():
-            rows = [r for r in bodies[body] if r.case.model == model and r.error is not None]
-            axes.scatter(
-                [r.total for r in rows],
-                [max(r.error, FLOOR) for r in rows],
-                [_size(r.case.spacing) ** 2 for r in rows],
-                marker=marker,
-                facecolors=colour if body == "bar" else "white",
-                edgecolors=colour,
-                linewidths=1.0,
-                alpha=0.8,
-                clip_on=False,
-            )
-        front = fronts[body]
-        axes.step(
-            [r.total for r in front],
-            [r.error for r in front],
-            "-" if body == "bar" else "--",
-            where="post",
-            color=DARK,
-            linewidth=1.1,
+def _draw_error(axes, body, rows, front, with_found):
+    """Each case of a body, the front of those with bonds, and that front where fits are found."""
+    for row in rows:
+        if row.error is None:
+            continue
+        colour = COLOURS[row.case.model]
+        marker = MODES[mode(row.case)][1]
+        # a fit that counts is filled, one found is not; what has none is filled too
+        face = "white" if row.case.fit == "found" else colour
+        axes.plot(
+            row.total,
+            max(row.error, FLOOR),
+            marker,
+            color=colour,
+            markerfacecolor=face,
+            markersize=_size(row.case.spacing),
+            alpha=0.8,
+            clip_on=False,
         )
-    handles = [Line2D([], [], color=c, marker="o", linestyle="", label=MODELS[m]) for m, c in COLOURS.items()]
-    handles += [
-        Line2D([], [], color=DARK, marker="o", label="bar, front of its cases with bonds"),
-        Line2D([], [], color=DARK, marker="s", markerfacecolor="white", linestyle="--", label="plate, likewise"),
-    ]
-    handles += [
-        Line2D(
-            [], [], color="#888888", marker="o", linestyle="", markersize=_size(spacing), label=f"spacing {spacing:g}"
-        )
-        for spacing in (0.2, 0.1, 0.05)
-    ]
-    axes.legend(handles=handles, **LEGEND)
-    axes.set_title("Error of the answer (on the lower edge: 0.01 % or less)")
-    axes.set(xlabel="core-seconds, set-up and solve", ylabel="error in percent")
+    for line, style, width in ((front, "-", 1.1), (with_found, ":", 1.0)):
+        if not line:
+            continue
+        at = ([row.total for row in line], [max(row.error, FLOOR) for row in line])
+        axes.step(*at, style, where="post", color=DARK, linewidth=width, clip_on=False, zorder=1)
+    axes.set_title(f"{body.capitalize()}: error (on the lower edge {FLOOR:g} % or less)")
+    axes.set(xlabel="core-seconds, fit, set-up and solve", ylabel="error in percent")
 
 
 def _draw_solver_error(axes, bodies):
@@ -393,15 +459,40 @@ def _draw_solver_error(axes, bodies):
             color=COLOURS[model],
             linestyle=SOLVERS[solver],
             linewidth=1.1,
-            marker=MARKERS[body],
+            marker=BODIES[body],
             markerfacecolor=COLOURS[model] if body == "bar" else "white",
             markersize=_size(spacing),
         )
-    names = {"cg": "conjugate gradients (cg)", "adr": "relaxation (adr)"}
-    handles = [Line2D([], [], color=DARK, linestyle=style, label=names[name]) for name, style in SOLVERS.items()]
-    axes.legend(handles=handles, **LEGEND)
-    axes.set_title("What the solver leaves, tolerances from 1e-2 to 1e-8")
+    axes.set_title("What the solver leaves of tolerances of 1e-2 to 1e-8")
     axes.set(xlabel="sweeps", ylabel="solver error in percent")
+
+
+def _keys():
+    """Legends: colours and fronts, markers and sizes, solvers and bodies."""
+
+    def mark(marker, label, colour=GREY, face=None, size=6.0):
+        options = {"color": colour, "markerfacecolor": face or colour, "markersize": size}
+        return Line2D([], [], marker=marker, linestyle="", label=label, **options)
+
+    def line(style, label):
+        return Line2D([], [], color=DARK, linestyle=style, linewidth=1.1, label=label)
+
+    return (
+        [
+            *(mark("o", WHERE[model], colour) for model, colour in COLOURS.items()),
+            line("-", "front of cases with bonds"),
+            line(":", "the same where fits are found"),
+        ],
+        [
+            *(mark(marker, words or "appendix A") for words, marker in MODES.values()),
+            mark("s", "fit found", face="white"),
+            *(mark("o", f"spacing {h:g}", size=_size(h)) for h in (0.2, 0.1, 0.05)),
+        ],
+        [
+            *(line(style, NAMES[solver]) for solver, style in SOLVERS.items()),
+            *(mark(BODIES[body], body, face=face) for body, face in zip(BODIES, (GREY, "white"), strict=True)),
+        ],
+    )
 
 
 def _size(spacing):
