@@ -28,9 +28,9 @@ from pdfem_mpi.parallel.comm import broadcast, gather_rows
 from pdfem_mpi.subdomain import Subdomain
 
 #: Counts up whenever the algorithm gives other numbers: fits of before are not used again.
-VERSION = 6
+VERSION = 7
 #: Sweeps over the bonds that a fit takes on bodies of cubes, and bonds a second and core, all work between included.
-EXPECTED_SWEEPS, SWEEP_RATE = {"free": 200, "bounded": 390}, 7.5e7
+EXPECTED_SWEEPS, SWEEP_RATE = {"free": 180, "bounded": 330}, 7.5e7
 #: A residual above this is told, and above that a fit does not serve: a few of its factors are hundreds and more.
 POOR, USELESS = 1e-6, 1e-2
 #: Free surfaces change alone while this takes at most so many times the change of all. Uniform strains of bodies

@@ -409,7 +409,7 @@ def test_check_tells_what_a_fit_takes():
         correction: make_scene((6, 4, 4), correction=correction, signs="bounded") for correction in ("fitted", "virial")
     }
     told = {name: check_scene(scene, mpi().COMM_SELF) for name, scene in scenes.items()}
-    expected = r"390 sweeps, \S+ s unless it is found from before"
+    expected = r"330 sweeps, \S+ s unless it is found from before"
     assert re.fullmatch(expected, told["fitted"]["fit of bond factors, about"])
     assert "fit of bond factors, about" not in told["virial"]
 
