@@ -28,7 +28,7 @@ from pdfem_mpi.parallel.comm import broadcast, gather_rows
 from pdfem_mpi.subdomain import Subdomain
 
 #: Counts up whenever the algorithm gives other numbers: fits of before are not used again.
-VERSION = 7
+VERSION = 9
 #: Sweeps over the bonds that a fit takes on bodies of cubes, and bonds a second and core, all work between included.
 EXPECTED_SWEEPS, SWEEP_RATE = {"free": 180, "bounded": 330}, 7.5e7
 #: A residual above this is told, and above that a fit does not serve: a few of its factors are hundreds and more.
@@ -124,9 +124,13 @@ def fit_body(
     if folders:
         number = points.cell_number[: points.n_owned]
         n_cells = discretization.n_point_cells
-        rows = [np.ascontiguousarray(v.reshape(-1, 2, N, W).swapaxes(2, 3)).reshape(-1, 8, N) for v in multipliers]
-        stored = [gather_rows(comm, number, part, n_cells) for part in rows]
-        if comm.rank == 0:
+        stored = np.empty((len(multipliers), n_cells, 8, N)) if comm.rank == 0 else None
+        for k, v in enumerate(multipliers):
+            rows = np.ascontiguousarray(v.reshape(-1, 2, N, W).swapaxes(2, 3)).reshape(-1, 8, N)
+            gathered = gather_rows(comm, number, rows, n_cells)
+            if stored is not None:
+                stored[k] = gathered
+        if stored is not None:
             factor_cache.store(folders, key, asdict(fit), stored)
     return bonds, _outcome(fit, False, key, discretization.n_bodies)
 

@@ -48,6 +48,8 @@ INNER_REDUCTION, MOST_INNER = 1e-3, 100
 HELD = 1e-6
 #: A residual this much above the best of its solve is round-off growing along the operator's fifty free motions.
 DRIFT = 100.0
+#: A solve ends where the residual has not been halved for so many iterations: round-off is reached.
+STALLED = 100
 #: Sweeps and turns after which a fit ends with what it has.
 MOST_SWEEPS, MOST_TURNS = 1500, 60
 #: A step towards positive factors is halved so often at most.
@@ -57,7 +59,7 @@ SLACK = 2e-5
 #: Rounding is undone by the bonds longer than these fractions of the cutoff radius, in turn.
 LONG_BONDS = (0.64, 0.8, 0.9)
 #: Reduction asked of each of these turns, most iterations, and the least reduction that is used.
-REFINEMENT, MOST_REFINEMENTS, LEAST_REFINEMENT = 0.05, 30, 0.7
+REFINEMENT, MOST_REFINEMENTS, LEAST_REFINEMENT = 0.02, 30, 0.7
 
 #: Each body's clusters among the owned ones, and its background grid.
 Grids = list[tuple[np.ndarray | slice, FactorGrid]]
@@ -153,7 +155,8 @@ def solve(
     gamma, first = dots(comm, (r, z), (r, r))
     square, iterations = first, 0
     best, best_x = first, x.copy()
-    while iterations < most and reduction**2 * first < square < DRIFT**2 * best:
+    halved, since = first, 0
+    while iterations < most and reduction**2 * first < square < DRIFT**2 * best and iterations - since < STALLED:
         w = multiply(p, size_of(comm, p))
         (curvature,) = dots(comm, (p, w))
         if not curvature > 0.0:
@@ -167,6 +170,8 @@ def solve(
         if square < best:
             best = square
             best_x[:] = x
+        if square < 0.25 * halved:
+            halved, since = square, iterations
         p *= gamma / before
         p += z
         iterations += 1

@@ -33,9 +33,12 @@ def load(folders: tuple[Path, ...], key: str) -> tuple[dict[str, Any], list[np.n
     return None
 
 
-def store(folders: tuple[Path, ...], key: str, report: dict[str, Any], multipliers: list[np.ndarray]) -> None:
-    """Leave a fit in every folder that can be written; a folder that cannot is no error."""
-    text, stored = json.dumps(report), np.array(multipliers)
+def store(folders: tuple[Path, ...], key: str, report: dict[str, Any], stored: np.ndarray) -> None:
+    """Leave a fit, multipliers of shape (n, n_cells, 8, 10), in every folder that can be written.
+
+    A folder that cannot is no error.
+    """
+    text = json.dumps(report)
     for folder in folders:
         path = _path(folder, key)
         temporary = path.with_suffix(f".tmp.{os.getpid()}")
@@ -55,7 +58,9 @@ def _path(folder: Path, key: str) -> Path:
 
 
 def _digest(report: str, stored: np.ndarray) -> str:
-    return hashlib.sha256(report.encode() + str(stored.shape).encode() + stored.tobytes()).hexdigest()
+    digest = hashlib.sha256(report.encode() + str(stored.shape).encode())
+    digest.update(stored)  # not a copy of it: it is as large as some of the bonds
+    return digest.hexdigest()
 
 
 def _drop_oldest(folder: Path, keep: Path) -> None:

@@ -14,7 +14,7 @@ KEY = "0123456789abcdef" * 4
 @pytest.fixture
 def stored(tmp_path):
     """A fit in a folder, its arrays, and its file."""
-    arrays = list(np.random.default_rng(1).standard_normal((3, 5, 8, 10)))
+    arrays = np.random.default_rng(1).standard_normal((3, 5, 8, 10))
     factor_cache.store((tmp_path / "a",), KEY, REPORT, arrays)
     (path,) = (tmp_path / "a").iterdir()
     return tmp_path / "a", arrays, path
@@ -50,7 +50,7 @@ def test_a_folder_that_cannot_be_written_is_no_error(tmp_path, stored):
 
 
 def test_the_oldest_fits_go_when_a_folder_is_full(tmp_path, monkeypatch):
-    arrays = [np.zeros((4, 8, 10))]
+    arrays = np.zeros((1, 4, 8, 10))
     monkeypatch.setattr(factor_cache, "MOST_BYTES", 10_000)
     keys = [letter * 64 for letter in "abcdef"]
     for age, key in enumerate(keys):

@@ -27,8 +27,8 @@ from verification.bodies import build, make_scene, run_deck
 # Displacement errors of patch tests in eps Delta. Bonds are stored in single precision, 6e-8; what is left of it
 # after the long bonds have taken it back is 1e-10 in compact bodies, up to 9e-10 where these ones bend.
 EXACT = 1e-9
-# Walls of two cells around a soft inside: they bend most.
-BENDS = 1e-8
+# Layers of two cells on soft ones, and walls of two cells around a soft inside: they bend most.
+BENDS = {"elements and two layers": 2e-9, "a ball all inside": 1e-8}
 # Positive factors exist up to corners of skewed cells, whose points have a slack: measured 1.4e-3 and 2.1e-3 at these
 # plates' corners, 2.9e-3 and 1.15e-2 where the slack holds about 0 to the end.
 IN_SLACK = 2.5e-3
@@ -324,7 +324,7 @@ def test_bodies_of_several_materials_are_joined_exactly(name, record_property):
     body = fitted(cells, regions=regions, materials=materials, **options)
     errors = patch_errors(body)
     record_property("errors", errors)
-    assert max(errors.values()) < (BENDS if name == "a ball all inside" else EXACT), errors
+    assert max(errors.values()) < BENDS.get(name, EXACT), errors
     fit = body.model.body_fit.fit
     assert len(fit.residual_of_bodies) == body.discretization.n_bodies
     assert max(fit.residual_of_bodies) == max(fit.residual, fit.residual_in_slack)
@@ -428,11 +428,10 @@ def test_the_smallest_eigenvalue_tells_an_unstable_body():
 
 @pytest.mark.slow
 def test_iterations_do_not_grow_with_the_width_of_a_plate(monkeypatch):
-    """Sweeps of a plate twice as wide, but for those that undo the rounding; trilinear functions on the background grid
-    take half as many again.
-    """
+    """Sweeps of a plate twice as wide, to 1e-6; trilinear functions on the background grid take half as many again."""
     monkeypatch.setattr(bond_factors, "LONG_BONDS", ())
-    sweeps = [fitted((n, n, 2)).model.body_fit.fit.sweeps for n in (12, 24)]
+    monkeypatch.setattr(bond_factors, "TOLERANCE", 1e-6)
+    sweeps = [fitted((n, n, 4)).model.body_fit.fit.sweeps for n in (14, 28)]
     assert sweeps[1] < 1.2 * sweeps[0], sweeps
 
 
