@@ -83,7 +83,6 @@ def fit_body(
     signs : "free" or "bounded"
     folders : paths
         Where fits are looked for and left; used on rank 0.
-
     """
     mesh, materials = discretization.mesh, discretization.materials
     key = fingerprint(discretization, signs, bonds.finite)

@@ -225,15 +225,19 @@ def build_model(
     if discretization.has_points.any():
         points = _make_points(discretization, subdomain, comm)
         finite = scene.peridynamics.kinematics == "finite"
-        correction, body_fit = scene.peridynamics.surface_correction, None
+        correction = scene.peridynamics.surface_correction
+        fitted = correction == "fitted"
         settings = (comm, points, discretization.materials, discretization.cutoff, finite)
-        if correction == "fitted":
-            bonds, _ = make_bonds(*settings, "virial")
+        settings += ("virial" if fitted else correction,)
+        bonds, remaining = make_bonds(*settings)
+        if fitted:
             signs = scene.peridynamics.signs
             with large_arrays_together():
                 bonds, body_fit = fit_body(comm, discretization, subdomain, points, bonds, signs, fits)
-        if body_fit is None or body_fit.fit is None:
-            bonds, remaining = make_bonds(*settings, "virial" if body_fit else correction)
+            if body_fit.fit:
+                remaining = 0.0
+            elif not len(discretization.thin):  # the fit that does not serve is written over them
+                bonds, remaining = make_bonds(*settings)
         if scene.peridynamics.stiffness_noise:
             bonds = perturbed(points, bonds, scene.peridynamics.stiffness_noise, scene.peridynamics.seed)
         if scene.output.damage:
