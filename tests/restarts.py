@@ -13,12 +13,12 @@ from unittest.mock import patch
 import h5py
 import numpy as np
 
-from pdfem_mpi.deck import write_deck
+from pdfem_mpi.deck.scene import Checkpoint, Crack, Events, Material, Output, Ramp, Scene, Steps, Support
+from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.restart import Refused, Ways
 from pdfem_mpi.results.checkpoint import list_checkpoints
-from pdfem_mpi.run import run
-from pdfem_mpi.scene import Checkpoint, Crack, Events, Material, Output, Ramp, Scene, Steps, Support
+from pdfem_mpi.run.restart import Refused, Ways
+from pdfem_mpi.run.run import run
 from verification.bodies import YOUNGS_MODULUS, Silence, make_scene
 
 FACTORS = (0.25, 0.5, 1.0)
@@ -91,7 +91,7 @@ class StopAt:
 def go(scene, comm, out, overwrite=False, reporter=None, **ways):
     """Run in this process, as `pdfem run` does, and return the exit code. Collective."""
     reporter = reporter or Silently()
-    with patch("pdfem_mpi.run.warm_up"):  # it closes the kernels to a second run in the same process
+    with patch("pdfem_mpi.run.run.warm_up"):  # it closes the kernels to a second run in the same process
         try:
             return run(scene, comm, Path(out), write_deck(scene), overwrite, reporter, Ways(**ways))
         except Refused as error:

@@ -11,16 +11,16 @@ from pathlib import Path
 import meshio
 import numpy as np
 
-from pdfem_mpi.bonds import make_bonds
-from pdfem_mpi.boundary_areas import find_boundary
-from pdfem_mpi.failure import UNBREAKABLE, Failure
-from pdfem_mpi.hex8 import GAUSS_POINTS
+from pdfem_mpi.deck.scene import Events, FileMesh, Material, Peridynamics, Region, Scene, Solver, Support
 from pdfem_mpi.kernels import failure as kernels
 from pdfem_mpi.kernels.exact_sums import add_products
+from pdfem_mpi.kernels.hex8 import GAUSS_POINTS
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh
-from pdfem_mpi.model import point_rows
-from pdfem_mpi.scene import Events, FileMesh, Material, Peridynamics, Region, Scene, Solver, Support
+from pdfem_mpi.model.model import point_rows
+from pdfem_mpi.peridynamics.bonds import make_bonds
+from pdfem_mpi.peridynamics.failure import UNBREAKABLE, Failure
+from pdfem_mpi.peridynamics.fit.areas import find_boundary
 from pdfem_mpi.stepping.steps import break_bonds as break_by_stretch
 
 STRETCH = 1e-3

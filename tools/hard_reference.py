@@ -15,10 +15,10 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
-from pdfem_mpi.discretization import Discretization, discretize
-from pdfem_mpi.loading import rigid_motions
-from pdfem_mpi.materials import materials_of
-from pdfem_mpi.scene import BodyForce, Material, Scene
+from pdfem_mpi.body.discretization import Discretization, discretize
+from pdfem_mpi.body.materials import materials_of
+from pdfem_mpi.deck.scene import BodyForce, Material, Scene
+from pdfem_mpi.model.loads import rigid_motions
 
 CORNERS = np.array([(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)])
 GAUSS = np.array([(r, s, t) for t in (-1, 1) for s in (-1, 1) for r in (-1, 1)]) / math.sqrt(3.0)

@@ -21,9 +21,9 @@ from typing import Any
 import hard_reference as reference
 import numpy as np
 
-from pdfem_mpi.deck import parse_deck
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.results import vtkhdf
-from pdfem_mpi.scene import Scene
 
 ROOT = Path(__file__).resolve().parent.parent
 DECKS = ROOT / "jobs" / "hard"

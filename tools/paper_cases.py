@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pdfem_mpi import study
+from pdfem_mpi.command import study
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from pdfem_mpi.bonds import BULK_MODULUS, RESPONSE_CONSTANT
-from pdfem_mpi.deck import read_deck
-from pdfem_mpi.discretization import discretize
+from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.deck.toml import read_deck
+from pdfem_mpi.peridynamics.bonds import BULK_MODULUS, RESPONSE_CONSTANT
 from pdfem_mpi.results.plots import STYLE
 from pdfem_mpi.results.study import CURVES
 

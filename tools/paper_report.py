@@ -11,10 +11,10 @@ import paper_figures as draw
 from paper_cases import COARSE_CORNERS, ROOT, STRAIN, X0, Y0, Result, Series, results
 from paper_rows import EQUATIONS, FIGURES
 
-from pdfem_mpi import bonds as bonds_module
-from pdfem_mpi.bonds import BULK_MODULUS
 from pdfem_mpi.kernels import surface_correction
-from pdfem_mpi.model import point_rows
+from pdfem_mpi.model.model import point_rows
+from pdfem_mpi.peridynamics import bonds as bonds_module
+from pdfem_mpi.peridynamics.bonds import BULK_MODULUS
 from verification.bodies import bond_list, build, make_scene
 from verification.measure import (
     cracked_block,

@@ -113,7 +113,7 @@ FIGURES = (
         "loads of bonds are body forces over layers of cells, supports hold layers",
         "-",
         "a traction on bonds is refused by name",
-        ("unit/test_loading.py::test_traction_on_peridynamic_faces_is_refused",),
+        ("unit/model/test_loads.py::test_traction_on_peridynamic_faces_is_refused",),
     ),
     FigureRow(
         "8",
@@ -122,7 +122,7 @@ FIGURES = (
         "2x2x2 Gauss points of any hexahedron",
         "volumes add up exactly",
         "",
-        ("unit/test_hex8.py::test_volumes_fill_a_distorted_cell",),
+        ("unit/kernels/test_hex8.py::test_volumes_fill_a_distorted_cell",),
     ),
     FigureRow(
         "9",
@@ -344,8 +344,8 @@ EQUATIONS = (
     EquationRow(
         "1",
         "equation of motion",
-        ("forces.py:Forces",),
-        ("unit/test_forces.py::test_forces_are_those_of_the_equations",),
+        ("model/forces.py:Forces",),
+        ("unit/model/test_forces.py::test_forces_are_those_of_the_equations",),
         "its equilibrium; inertia serves relaxation only",
     ),
     EquationRow(
@@ -365,7 +365,7 @@ EQUATIONS = (
     EquationRow(
         "4",
         "failure",
-        ("kernels/peridynamics.py:_finite_sweep", "failure.py:Failure"),
+        ("kernels/peridynamics.py:_finite_sweep", "peridynamics/failure.py:Failure"),
         (
             f"{BOND_KERNELS}::test_bonds_beyond_the_critical_stretch_break",
             f"{BOND_KERNELS}::test_bonds_at_the_critical_stretch_hold",
@@ -375,7 +375,7 @@ EQUATIONS = (
     EquationRow(
         "5",
         "local damage",
-        ("damage.py:local_damage", "kernels/local_damage.py:add_bond_weights"),
+        ("peridynamics/damage.py:local_damage", "kernels/local_damage.py:add_bond_weights"),
         (
             f"{RESPONSE}::test_damage_of_every_point_is_the_ratio_of_eq_5",
             "mpi/test_damage.py::test_damage_does_not_depend_on_the_number_of_ranks",
@@ -385,14 +385,14 @@ EQUATIONS = (
     EquationRow(
         "6",
         "force across a section, classical",
-        ("loading.py:make_load_case",),
-        ("unit/test_loading.py::test_consistent_nodal_loads_of_a_square_grid",),
+        ("model/loads.py:make_load_case",),
+        ("unit/model/test_loads.py::test_consistent_nodal_loads_of_a_square_grid",),
         "tractions on elements, consistent or equal",
     ),
     EquationRow(
         "7",
         "force density from the other part",
-        ("forces.py:Forces",),
+        ("model/forces.py:Forces",),
         (f"{COUPLING}::test_internal_forces_sum_to_exactly_zero",),
         "",
     ),
@@ -406,7 +406,7 @@ EQUATIONS = (
     EquationRow(
         "9",
         "collocation",
-        ("hex8.py:gauss_positions", "kernels/families.py:find_rows"),
+        ("kernels/hex8.py:gauss_positions", "kernels/families.py:find_rows"),
         ("unit/kernels/test_families.py::test_rows_hold_each_pair_once",),
         "w_j is printed with the index of another sum",
     ),
@@ -414,13 +414,13 @@ EQUATIONS = (
         "10",
         "relaxation of points",
         ("solvers/adr.py:solve",),
-        ("unit/test_adr.py::test_one_iteration_by_hand",),
+        ("unit/solvers/test_adr.py::test_one_iteration_by_hand",),
         "time step 1",
     ),
     EquationRow(
         "11",
         "fictitious densities",
-        ("bonds.py:fictitious_masses", "kernels/peridynamics.py:add_densities"),
+        ("peridynamics/bonds.py:fictitious_masses", "kernels/peridynamics.py:add_densities"),
         (
             f"{DENSITIES}::test_peridynamic_densities_with_the_bond_factors",
             f"{DENSITIES}::test_peridynamic_densities_as_printed_are_unstable",
@@ -431,15 +431,15 @@ EQUATIONS = (
     EquationRow(
         "12",
         "vector of positions",
-        ("model.py:cluster_layout",),
-        ("unit/test_forces.py::test_point_displacements_include_the_overlap",),
+        ("model/model.py:cluster_layout",),
+        ("unit/model/test_forces.py::test_point_displacements_include_the_overlap",),
         "clusters of four points",
     ),
     EquationRow(
         "13",
         "vector of displacements",
-        ("state.py:State",),
-        ("unit/test_forces.py::test_point_displacements_include_the_overlap",),
+        ("model/state.py:State",),
+        ("unit/model/test_forces.py::test_point_displacements_include_the_overlap",),
         "",
     ),
     EquationRow(
@@ -473,14 +473,14 @@ EQUATIONS = (
         "17",
         "relaxation of nodes",
         ("solvers/adr.py:solve",),
-        ("unit/test_adr.py::test_relaxation_ends_in_equilibrium",),
+        ("unit/solvers/test_adr.py::test_relaxation_ends_in_equilibrium",),
         "",
     ),
     EquationRow(
         "18",
         "external less internal force",
-        ("forces.py:Forces",),
-        ("unit/test_forces.py::test_external_forces_are_added",),
+        ("model/forces.py:Forces",),
+        ("unit/model/test_forces.py::test_external_forces_are_added",),
         "reading A lets the overlap's elements keep theirs",
     ),
     EquationRow(
@@ -493,11 +493,17 @@ EQUATIONS = (
     EquationRow(
         "20",
         "diagonal mass matrix",
-        ("model.py:_masses",),
+        ("model/model.py:_masses",),
         (f"{DENSITIES}::test_masses_have_the_units_of_a_stiffness",),
         "",
     ),
-    EquationRow("21", "assembly of masses", ("model.py:assemble",), (f"{DENSITIES}::test_every_model_is_stable",), ""),
+    EquationRow(
+        "21",
+        "assembly of masses",
+        ("model/model.py:assemble",),
+        (f"{DENSITIES}::test_every_model_is_stable",),
+        "",
+    ),
     EquationRow(
         "22",
         "element masses",
@@ -508,15 +514,15 @@ EQUATIONS = (
     EquationRow(
         "23",
         "points outside and inside of the overlap",
-        ("bonds.py:Points",),
-        ("unit/test_discretization.py::test_reading_b_gives_the_overlap_points_and_no_stiffness",),
+        ("peridynamics/bonds.py:Points",),
+        ("unit/body/test_discretization.py::test_reading_b_gives_the_overlap_points_and_no_stiffness",),
         "",
     ),
     EquationRow(
         "24",
         "nodes outside and inside of the overlap",
-        ("model.py:Nodes",),
-        ("unit/test_discretization.py::test_reading_a_keeps_the_stiffness_of_the_overlap",),
+        ("model/model.py:Nodes",),
+        ("unit/body/test_discretization.py::test_reading_a_keeps_the_stiffness_of_the_overlap",),
         "",
     ),
     EquationRow(
@@ -540,28 +546,28 @@ EQUATIONS = (
     EquationRow(
         "27",
         "coupled system",
-        ("forces.py:Forces", "solvers/adr.py:solve"),
+        ("model/forces.py:Forces", "solvers/adr.py:solve"),
         (f"{COUPLING}::test_net_force_and_moment_vanish",),
         "",
     ),
     EquationRow(
         "28",
         "its unknowns",
-        ("state.py:State",),
+        ("model/state.py:State",),
         (f"{COUPLING}::test_there_are_no_other_motions_without_force",),
         "free points, then nodes",
     ),
     EquationRow(
         "29",
         "its masses",
-        ("model.py:_masses",),
+        ("model/model.py:_masses",),
         (f"{DENSITIES}::test_masses_of_the_overlap_are_not_wasteful",),
         "nodes of the overlap carry the lumped densities of their points",
     ),
     EquationRow(
         "30",
         "its forces",
-        ("forces.py:Forces",),
+        ("model/forces.py:Forces",),
         (f"{COUPLING}::test_elements_at_rest_do_not_silence_the_overlap",),
         "",
     ),
@@ -569,7 +575,7 @@ EQUATIONS = (
         "31",
         "damping",
         ("solvers/adr.py:damping_coefficient", "kernels/relaxation.py:add_damping_sums"),
-        ("unit/test_adr.py::test_damping_coefficient", f"{RELAXATION}::test_sums"),
+        ("unit/solvers/test_adr.py::test_damping_coefficient", f"{RELAXATION}::test_sums"),
         "0 where numerator or denominator is not positive, 1.9 where c would reach 2",
     ),
     EquationRow(
@@ -668,7 +674,7 @@ EQUATIONS = (
     EquationRow(
         "A12",
         "corrected equation of motion",
-        ("bonds.py:make_bonds",),
+        ("peridynamics/bonds.py:make_bonds",),
         (f"{APPENDIX_A}::test_factor_of_a_bond_is_the_ellipsoid_of_the_mean_vector",),
         "g_ij is stored in the bond; E/E0 of the inner lattice {lattice_none:.4f} without, {lattice_a:.4f} with, nu "
         "{lattice_nu:.4f}, unrelaxed",
@@ -676,14 +682,14 @@ EQUATIONS = (
     EquationRow(
         "B1",
         "place x0",
-        ("probes.py:displacement_at",),
-        ("unit/test_probes.py::test_displacement_of_a_trilinear_field_is_exact",),
+        ("measure/probes.py:displacement_at",),
+        ("unit/measure/test_probes.py::test_displacement_of_a_trilinear_field_is_exact",),
         "`[[probes]]` x0 of the decks",
     ),
     EquationRow(
         "B2",
         "displacement there",
-        ("probes.py:displacement_at",),
+        ("measure/probes.py:displacement_at",),
         (f"{APPENDIX_B}::test_finite_elements_hold_the_closed_form",),
         "",
     ),

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import psutil
 
-from pdfem_mpi import launch
+from pdfem_mpi.system import launcher as launch
 
 ROOT = Path(__file__).resolve().parent.parent
 REPORTS = ROOT / ".check"

@@ -11,7 +11,7 @@ Four elements stand in the SIMD lanes. A short last group repeats its last eleme
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.hex8 import GRADIENTS_AT_GAUSS, gauss_gradients, inverse_jacobians
+from pdfem_mpi.kernels.hex8 import GRADIENTS_AT_GAUSS, gauss_gradients, inverse_jacobians
 from pdfem_mpi.kernels.simd import PATTERN, W, fma, hmax, isub, largest, load, magnitude, splat, store
 
 MARGIN = 1.0 + 2.0**-30  # of a computed force over its bound in exact arithmetic

@@ -7,7 +7,7 @@ force: a translation of the nodes is the same translation of all points, and no 
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.hex8 import SHAPE_AT_GAUSS
+from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")

@@ -7,7 +7,7 @@ components of triple ``t`` stand at ``12 (t // 4) + t % 4 + 4 d`` in cluster lay
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.hex8 import SHAPE_AT_GAUSS
+from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
 from pdfem_mpi.kernels.simd import PATTERN, W, fma, iadd, ihsum, isub, load, splat, store
 
 _AT_POINTS = np.ascontiguousarray(SHAPE_AT_GAUSS).reshape(-1)  # corners of a point together

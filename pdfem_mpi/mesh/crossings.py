@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pdfem_mpi.scene import Vector, polygon_normal
+from pdfem_mpi.deck.scene import Vector, polygon_normal
 
 
 def cross_polygon(polygon: Sequence[Vector], start: np.ndarray, stop: np.ndarray) -> np.ndarray:

@@ -11,9 +11,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from pdfem_mpi.deck.scene import SceneError
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh, equal_rows
 from pdfem_mpi.mesh.quality import measure
-from pdfem_mpi.scene import SceneError
 
 #: A node hangs on a face when it is this near to it, as a fraction of the face's half diagonal.
 HANGING_TOLERANCE = 1e-3

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.hex8 import gauss_volumes
+from pdfem_mpi.deck.scene import SceneError
+from pdfem_mpi.kernels.hex8 import gauss_volumes
 from pdfem_mpi.mesh.hexmesh import HexMesh
-from pdfem_mpi.scene import SceneError
 
 #: The three neighbours of each local node (VTK order), so that a cube's are a right-handed triple.
 CORNERS = np.array([(1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7), (7, 5, 0), (4, 6, 1), (5, 7, 2), (6, 4, 3)])

@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pdfem_mpi.deck.scene import MESH_SUFFIXES, FileMesh, SceneError, did_you_mean
 from pdfem_mpi.mesh.abaqus import find_traps
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh
-from pdfem_mpi.scene import MESH_SUFFIXES, FileMesh, SceneError, did_you_mean
 
 FORMATS = {".msh": "gmsh", ".inp": "abaqus", ".vtu": "vtu", ".exo": "exodus", ".e": "exodus"}
 NAMES = {"gmsh": "Gmsh", "abaqus": "Abaqus", "vtu": "VTK (.vtu)", "exodus": "Exodus II"}

@@ -33,9 +33,9 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from pdfem_mpi import faults
-from pdfem_mpi.results.files import sync
 from pdfem_mpi.results.guarded import guarded
+from pdfem_mpi.system import faults
+from pdfem_mpi.system.files import sync
 
 FORMAT = 1
 MAGIC = b"pdfem_mpi checkpoint\n"

@@ -6,8 +6,8 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from pdfem_mpi.results.files import sync
 from pdfem_mpi.results.history import History
+from pdfem_mpi.system.files import sync
 
 Cursor = Mapping[str, int]
 

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pdfem_mpi.results import vtkhdf
-from pdfem_mpi.results.files import replacing
 from pdfem_mpi.results.plots import DPI, LEGEND, SIZE_INCHES, STYLE
+from pdfem_mpi.system.files import replacing
 
 COLORS = {"stable": "#0072B2", "avalanche": "#D55E00", "work": "#000000"}
 #: Columns of the history that the energies are drawn from, with label and colour (Okabe & Ito, 2008).

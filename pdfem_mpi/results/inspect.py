@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from pdfem_mpi.results.checkpoint import Invalid, check, list_checkpoints
-from pdfem_mpi.results.lock import owner_of
+from pdfem_mpi.system.lock import owner_of
 
 Rows = list[tuple[str, str]]
 

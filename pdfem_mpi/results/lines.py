@@ -4,7 +4,7 @@ import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from pdfem_mpi.results.files import replacing
+from pdfem_mpi.system.files import replacing
 
 COLUMNS = ("distance", "x", "y", "z", "u_x", "u_y", "u_z", "model")
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pdfem_mpi.results.files import replacing
+from pdfem_mpi.system.files import replacing
 
 SIZE_INCHES, DPI = (8.0, 6.0), 150  # 1200 x 900 pixels
 MARKER_SIZES = 3.2, 5.0  # points; smallest and largest

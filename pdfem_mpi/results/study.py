@@ -11,8 +11,8 @@ import matplotlib
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter, ScalarFormatter
 
-from pdfem_mpi.results.files import replacing
 from pdfem_mpi.results.plots import STYLE
+from pdfem_mpi.system.files import replacing
 
 MAX_PANELS = 6
 PANEL_INCHES, DPI = (4.4, 3.4), 110

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.results.files import replacing
+from pdfem_mpi.system.files import replacing
 
 
 def write_summary(path: str | Path, content: Mapping[str, Any]) -> None:

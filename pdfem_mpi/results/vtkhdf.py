@@ -13,8 +13,8 @@ from typing import Literal
 import h5py
 import numpy as np
 
-from pdfem_mpi.results.files import replacing
 from pdfem_mpi.results.guarded import guarded
+from pdfem_mpi.system.files import replacing
 
 VERTEX, HEXAHEDRON = 1, 12  # VTK cell types
 ROWS_PER_CHUNK = 65536  # at most; a smaller frame is one chunk

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.components import describe_motion
-from pdfem_mpi.failure import Failure
-from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
-from pdfem_mpi.loading import exact_dots
+from pdfem_mpi.model.forces import Forces, NotFinite
+from pdfem_mpi.model.loads import exact_dots
+from pdfem_mpi.model.parts import describe_motion
+from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import sum_integers
-from pdfem_mpi.pausing import NEVER, Never, Pauses
+from pdfem_mpi.parallel.stop_requests import NEVER, Never, Pauses
+from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.convergence import Convergence, NotConverged, Progress
-from pdfem_mpi.state import State
 
 #: A damping coefficient of 2 or more would reverse velocities (eq. 33): it is set to this instead.
 LARGEST_DAMPING = 1.9

@@ -14,13 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pdfem_mpi.forces import Forces
-from pdfem_mpi.loading import exact_dots
-from pdfem_mpi.model import Model
+from pdfem_mpi.model.forces import Forces
+from pdfem_mpi.model.loads import exact_dots
+from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.solvers.cg import Sequence
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
-from pdfem_mpi.solvers.multilevel import Preconditioner
+from pdfem_mpi.solvers.preconditioner.preconditioner import Preconditioner
 
 #: Steps, and the seed of the displacements.
 STEPS, SEED = 20, 20100801

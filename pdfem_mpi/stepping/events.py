@@ -17,18 +17,18 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from pdfem_mpi.components import NAMED
-from pdfem_mpi.failure import Failure
-from pdfem_mpi.forces import Forces, NotFinite
+from pdfem_mpi.deck.scene import Events
 from pdfem_mpi.kernels.simd import W
-from pdfem_mpi.loading import LoadCase, exact_dots, remove_rigid_motion, without_loads_on_loose_parts
+from pdfem_mpi.model.forces import Forces, NotFinite
+from pdfem_mpi.model.loads import LoadCase, exact_dots, remove_rigid_motion, without_loads_on_loose_parts
+from pdfem_mpi.model.parts import NAMED
+from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import largest, sum_integers
-from pdfem_mpi.scene import Events
+from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, Convergence, NotConverged, Progress
-from pdfem_mpi.state import State
+from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.stepping.report import Report, Reporter, reaction, support_resultants
-from pdfem_mpi.stepping.solver import EquilibriumSolver
 from pdfem_mpi.stepping.steps import break_bonds
 
 #: The first equilibrium is at least this tight: the load of the first break is read from it.

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from pdfem_mpi.failure import Failure
-from pdfem_mpi.loading import LoadCase
-from pdfem_mpi.scene import Events, Ramp, Scene
+from pdfem_mpi.deck.scene import Events, Ramp, Scene
+from pdfem_mpi.model.loads import LoadCase
+from pdfem_mpi.model.state import State
+from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.convergence import Progress
-from pdfem_mpi.state import State
+from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.stepping.events import follow_events
 from pdfem_mpi.stepping.ramp import follow_ramp
 from pdfem_mpi.stepping.report import Report
-from pdfem_mpi.stepping.solver import EquilibriumSolver
 from pdfem_mpi.stepping.steps import follow_steps
 
 

@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from pdfem_mpi.failure import Failure
-from pdfem_mpi.loading import LoadCase, exact_dots, without_loads_on_loose_parts
-from pdfem_mpi.scene import Ramp
+from pdfem_mpi.deck.scene import Ramp
+from pdfem_mpi.model.loads import LoadCase, exact_dots, without_loads_on_loose_parts
+from pdfem_mpi.model.state import State
+from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.adr import Relaxation
 from pdfem_mpi.solvers.convergence import Convergence, Progress
-from pdfem_mpi.state import State
+from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.stepping.report import Report, Reporter
-from pdfem_mpi.stepping.solver import EquilibriumSolver
 
 
 def follow_ramp(

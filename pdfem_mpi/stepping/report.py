@@ -8,11 +8,11 @@ from time import perf_counter
 
 import numpy as np
 
-from pdfem_mpi.failure import Failure
-from pdfem_mpi.forces import Forces
-from pdfem_mpi.loading import LoadCase, exact_dots, rigid_modes
+from pdfem_mpi.model.forces import Forces
+from pdfem_mpi.model.loads import LoadCase, exact_dots, rigid_modes
+from pdfem_mpi.model.state import State
+from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.convergence import Convergence
-from pdfem_mpi.state import State
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,15 @@ from functools import partial
 
 import numpy as np
 
-from pdfem_mpi.components import find_loose, find_parts, without_equilibrium
-from pdfem_mpi.failure import Failure
-from pdfem_mpi.loading import LoadCase, remove_rigid_motion
-from pdfem_mpi.model import Model
-from pdfem_mpi.scene import Steps
+from pdfem_mpi.deck.scene import Steps
+from pdfem_mpi.model.loads import LoadCase, remove_rigid_motion
+from pdfem_mpi.model.model import Model
+from pdfem_mpi.model.parts import find_loose, find_parts, without_equilibrium
+from pdfem_mpi.model.state import State
+from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.convergence import NotConverged
-from pdfem_mpi.state import State
+from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.stepping.report import Report, Reporter
-from pdfem_mpi.stepping.solver import EquilibriumSolver
 
 
 def follow_steps(

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from helpers import assert_all
-from pdfem_mpi.fields import gather_damage
+from pdfem_mpi.deck.scene import Crack, Output
+from pdfem_mpi.measure.fields import gather_damage
 from pdfem_mpi.parallel.comm import broadcast, mpi
-from pdfem_mpi.scene import Crack, Output
 from verification.bodies import build, make_scene
 
 pytestmark = pytest.mark.mpi(min_size=2)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from helpers import assert_all
-from pdfem_mpi import model as model_module
+from pdfem_mpi.deck.scene import Ramp, Steps
+from pdfem_mpi.model import model as model_module
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.scene import Ramp, Steps
 from verification.failing import DEAD, chipped, failing, followed, numbers, strip
 
 pytestmark = pytest.mark.mpi(min_size=2)

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from helpers import assert_all
-from pdfem_mpi import tables
+from pdfem_mpi.deck.scene import Output, Steps
+from pdfem_mpi.model.state import FIELDS
 from pdfem_mpi.parallel import comm as parallel
 from pdfem_mpi.parallel.comm import broadcast, gather_pairs, mpi
 from pdfem_mpi.results.checkpoint import Writer, list_checkpoints, open_checkpoint
-from pdfem_mpi.scene import Output, Steps
-from pdfem_mpi.state import FIELDS
-from pdfem_mpi.tables import BROKEN, make_layout, read_broken, read_fields, total_broken, write_tables
+from pdfem_mpi.run import tables
+from pdfem_mpi.run.tables import BROKEN, make_layout, read_broken, read_fields, total_broken, write_tables
 from restarts import FACTORS, StopAt, alone, differing, failing, go, often, outcome, relaxed
 from verification.bodies import build, make_scene
 
@@ -158,7 +158,7 @@ def test_ranks_agree_when_a_checkpoint_cannot_be_read(comm, mpi_tmp_path):
 
 
 def test_second_job_is_refused_on_all_ranks(comm, mpi_tmp_path):
-    from pdfem_mpi.results.lock import Lock
+    from pdfem_mpi.system.lock import Lock
 
     folder = mpi_tmp_path / f"run {comm.size} {broadcast(comm, mpi().COMM_WORLD.rank)}"
     if comm.rank == 0:
@@ -179,7 +179,7 @@ NAMES = [field.name for field in FIELDS]
 
 def every_bond(body):
     """All pairs of points within the cutoff, sorted, of the whole body."""
-    from pdfem_mpi.fields import point_positions
+    from pdfem_mpi.measure.fields import point_positions
 
     x = point_positions(body.discretization)
     near = ((x[:, None] - x[None]) ** 2).sum(axis=2) <= body.discretization.cutoff**2

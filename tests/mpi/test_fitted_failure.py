@@ -5,9 +5,9 @@ from unittest.mock import patch
 import pytest
 
 from helpers import assert_all
-from pdfem_mpi.failure import make_failure
+from pdfem_mpi.deck.scene import Crack, Events, Material, Output, Scene, Support
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.scene import Crack, Events, Material, Output, Scene, Support
+from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from restarts import StopAt, alone, differing, go, outcome
 from verification.bodies import YOUNGS_MODULUS, build, make_scene
@@ -68,7 +68,7 @@ def test_starts_on_other_ranks_without_the_fit(mpi_tmp_path, kinematics, length)
     """Stopped within avalanches, gone on with on other ranks; every other start but the first finds no fit."""
     world, folder = mpi().COMM_WORLD, mpi_tmp_path / "run"
     scene, fits = cracked(kinematics), []
-    with patch("pdfem_mpi.run.fit_folders", lambda out: (out,)):  # the user's cache knows those of other tests
+    with patch("pdfem_mpi.run.run.fit_folders", lambda out: (out,)):  # the user's cache knows those of other tests
         expected = None
         if world.rank == 0:
             straight = folder.with_name("straight")

@@ -3,7 +3,7 @@
 import pytest
 
 from helpers import ROOT, assert_all
-from pdfem_mpi.deck import read_deck
+from pdfem_mpi.deck.toml import read_deck
 from pdfem_mpi.parallel.comm import mpi, world
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from verification.bodies import build

@@ -9,11 +9,11 @@ import pytest
 from mesh_files import write_mesh
 
 from helpers import ROOT, assert_all
-from pdfem_mpi import run
+from pdfem_mpi.deck.scene import FileMesh, SceneError, Support
 from pdfem_mpi.mesh.generators import box
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.parallel.comm import broadcast
-from pdfem_mpi.scene import FileMesh, SceneError, Support
+from pdfem_mpi.run import run as run_module
 from verification.bodies import make_scene
 
 pytestmark = pytest.mark.mpi(min_size=2)
@@ -26,8 +26,8 @@ def scene_of(path):
 
 def test_rank_0_reads_and_all_have_the_mesh(comm):
     """With the named sets, and no other rank opens the file."""
-    with patch.object(run, "make_mesh", wraps=run.make_mesh) as reading:
-        discretization, _ = run.prepare(scene_of(ROOT / "jobs" / "meshes" / "plate_with_hole.msh"), comm)
+    with patch.object(run_module, "make_mesh", wraps=run_module.make_mesh) as reading:
+        discretization, _ = run_module.prepare(scene_of(ROOT / "jobs" / "meshes" / "plate_with_hole.msh"), comm)
     mesh = discretization.mesh
     digests = comm.allgather((mesh.sha256(), len(mesh.cells), sorted(mesh.cell_sets)))
     assert_all(comm, reading.call_count == (comm.rank == 0), "only rank 0 reads")
@@ -43,7 +43,7 @@ def test_a_bad_mesh_is_refused_on_all_ranks(comm):
         write_mesh(path, HexMesh(mesh.nodes * np.array([-1.0, 1.0, 1.0]), mesh.cells))
     messages = []
     try:
-        run.prepare(scene_of(path), comm)
+        run_module.prepare(scene_of(path), comm)
     except SceneError as error:
         messages = error.messages
     comm.Barrier()

@@ -6,11 +6,11 @@ from unittest.mock import patch
 import pytest
 
 from helpers import assert_all
-from pdfem_mpi.deck import write_deck
-from pdfem_mpi.needs import SHARED_OUT
+from pdfem_mpi.deck.scene import Output
+from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.parallel.comm import broadcast, mpi
-from pdfem_mpi.run import run
-from pdfem_mpi.scene import Output
+from pdfem_mpi.run.memory_report import SHARED_OUT
+from pdfem_mpi.run.run import run
 from verification.bodies import Silence, make_scene
 
 pytestmark = pytest.mark.mpi(min_size=2)
@@ -25,7 +25,7 @@ SCENES = {
 
 def summary_of(scene, comm, folder):
     """What a run of the scene says, on all ranks. Collective."""
-    with patch("pdfem_mpi.run.warm_up"):
+    with patch("pdfem_mpi.run.run.warm_up"):
         run(scene, comm, folder, write_deck(scene), True, Silence())
     text = (folder / "summary.json").read_text(encoding="utf-8") if comm.rank == 0 else None
     return json.loads(broadcast(comm, text))

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from helpers import assert_all
-from pdfem_mpi import model as model_module
-from pdfem_mpi.bonds import count_by_material, total_bonds
-from pdfem_mpi.fields import fields_sha256, gather_fields
+from pdfem_mpi.deck.scene import BodyForce, Coupling, Crack, Interface, Material, Region, SceneError, Support
+from pdfem_mpi.measure.fields import fields_sha256, gather_fields
+from pdfem_mpi.model import model as model_module
 from pdfem_mpi.parallel.comm import broadcast, mpi
-from pdfem_mpi.scene import BodyForce, Coupling, Crack, Interface, Material, Region, SceneError, Support
+from pdfem_mpi.peridynamics.bonds import count_by_material, total_bonds
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import follow_load_program, make_solver

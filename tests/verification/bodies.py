@@ -10,15 +10,8 @@ from unittest.mock import patch
 import numpy as np
 
 from helpers import ROOT
-from pdfem_mpi.deck import parse_deck
-from pdfem_mpi.discretization import Discretization, discretize
-from pdfem_mpi.fields import Fields, gather_fields, point_positions
-from pdfem_mpi.forces import Forces
-from pdfem_mpi.loading import LoadCase, make_load_case
-from pdfem_mpi.model import Model, build_model, cluster_layout, point_rows
-from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.run import run
-from pdfem_mpi.scene import (
+from pdfem_mpi.body.discretization import Discretization, discretize
+from pdfem_mpi.deck.scene import (
     BodyForce,
     BoxMesh,
     Coupling,
@@ -29,7 +22,14 @@ from pdfem_mpi.scene import (
     Solver,
     Traction,
 )
-from pdfem_mpi.state import State, new_state
+from pdfem_mpi.deck.toml import parse_deck
+from pdfem_mpi.measure.fields import Fields, gather_fields, point_positions
+from pdfem_mpi.model.forces import Forces
+from pdfem_mpi.model.loads import LoadCase, make_load_case
+from pdfem_mpi.model.model import Model, build_model, cluster_layout, point_rows
+from pdfem_mpi.model.state import State, new_state
+from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.run.run import run
 
 YOUNGS_MODULUS = 1000.0
 
@@ -191,7 +191,7 @@ def run_deck(name, out, *overrides):
     text = path.read_text(encoding="utf-8")
     scene = parse_deck(text, str(path), (*overrides, "output.fields=false", "output.figures=false"))
     # warm_up would close the kernels to a second run in the same process; the user's cache knows fits of earlier tests
-    with patch("pdfem_mpi.run.warm_up"), patch("pdfem_mpi.run.fit_folders", lambda out: (out,)):
+    with patch("pdfem_mpi.run.run.warm_up"), patch("pdfem_mpi.run.run.fit_folders", lambda out: (out,)):
         code = run(scene, mpi().COMM_SELF, Path(out), text, True, Silence())
     summary = json.loads((Path(out) / "summary.json").read_text(encoding="utf-8"))
     assert code == 0, summary["reason"]

@@ -7,9 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from pdfem_mpi.failure import Failure, make_failure
-from pdfem_mpi.fields import point_positions
-from pdfem_mpi.scene import (
+from pdfem_mpi.deck.scene import (
     BodyForce,
     BoxMesh,
     Crack,
@@ -21,6 +19,8 @@ from pdfem_mpi.scene import (
     Solver,
     Support,
 )
+from pdfem_mpi.measure.fields import point_positions
+from pdfem_mpi.peridynamics.failure import Failure, make_failure
 from pdfem_mpi.stepping import Report, follow_load_program, make_solver
 from verification.bodies import YOUNGS_MODULUS, Body, build
 

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from pdfem_mpi.bonds import cut_bonds
-from pdfem_mpi.fields import gather_damage, point_positions
-from pdfem_mpi.scene import Crack, Output
+from pdfem_mpi.deck.scene import Crack, Output
+from pdfem_mpi.measure.fields import gather_damage, point_positions
+from pdfem_mpi.peridynamics.bonds import cut_bonds
 from verification.bodies import bond_list, build, make_scene
 
 POWER_ITERATIONS = 200

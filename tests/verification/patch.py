@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pdfem_mpi.forces import Forces
-from pdfem_mpi.model import build_model
+from pdfem_mpi.model.forces import Forces
+from pdfem_mpi.model.model import build_model
+from pdfem_mpi.model.state import new_state
 from pdfem_mpi.solvers import adr
-from pdfem_mpi.state import new_state
 from verification.bodies import Body, build, make_scene
 
 CUTOFF = 2.5  # cells

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pdfem_mpi import bonds
 from pdfem_mpi.kernels import surface_correction
-from pdfem_mpi.model import point_rows
+from pdfem_mpi.model.model import point_rows
+from pdfem_mpi.peridynamics import bonds
 from verification.bodies import build, make_scene
 
 # Measured with an independent program, printed to five digits; the update is exact arithmetic on these numbers

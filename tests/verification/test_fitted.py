@@ -7,21 +7,23 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from pdfem_mpi import body_fit, bond_factors, discretization
-from pdfem_mpi.boundary_areas import area_vectors, find_boundary
-from pdfem_mpi.hex8 import SHAPE_AT_GAUSS
-from pdfem_mpi.loading import remove_rigid_motion
+from pdfem_mpi.body import discretization
+from pdfem_mpi.deck.scene import Interface, Material, Region, SceneError, Traction
+from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh
-from pdfem_mpi.model import build_model, cluster_layout
+from pdfem_mpi.model.loads import remove_rigid_motion
+from pdfem_mpi.model.model import build_model, cluster_layout
+from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.run import check_scene
-from pdfem_mpi.scene import Interface, Material, Region, SceneError, Traction
+from pdfem_mpi.peridynamics.fit import equations as bond_factors
+from pdfem_mpi.peridynamics.fit import fit as body_fit
+from pdfem_mpi.peridynamics.fit.areas import area_vectors, find_boundary
+from pdfem_mpi.run.run import check_scene
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import NotConverged
-from pdfem_mpi.solvers.multilevel import make_preconditioner
+from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from pdfem_mpi.solvers.stability import smallest_eigenvalue
-from pdfem_mpi.state import new_state
 from verification.bodies import build, make_scene, run_deck
 
 # Displacement errors of patch tests in eps Delta. Bonds are stored in single precision, 6e-8; what is left of it

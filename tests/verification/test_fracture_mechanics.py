@@ -13,8 +13,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from helpers import ROOT
-from pdfem_mpi.deck import parse_deck
-from pdfem_mpi.scene import Crack, Steps
+from pdfem_mpi.deck.scene import Crack, Steps
+from pdfem_mpi.deck.toml import parse_deck
 from verification.bodies import build
 from verification.failing import failing
 from verification.measure import released

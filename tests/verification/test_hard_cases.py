@@ -7,10 +7,10 @@ from unittest.mock import patch
 import pytest
 
 from helpers import ROOT
-from pdfem_mpi.deck import DeckError
+from pdfem_mpi.deck.scene import SceneError
+from pdfem_mpi.deck.toml import DeckError
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.run import run
-from pdfem_mpi.scene import SceneError
+from pdfem_mpi.run.run import run
 
 sys.path.insert(0, str(ROOT / "tools"))
 
@@ -52,7 +52,7 @@ def outcome_of(case, folder, short=True):
             run_check(case.program, scene, comm, folder)
             return scene, read_outcome(folder, 0, "")
         # warm_up would close the kernels to a second run in the same process; the user's cache knows earlier fits
-        with patch("pdfem_mpi.run.warm_up"), patch("pdfem_mpi.run.fit_folders", lambda out: (out,)):
+        with patch("pdfem_mpi.run.run.warm_up"), patch("pdfem_mpi.run.run.fit_folders", lambda out: (out,)):
             code = run(scene, comm, folder, deck_text(case), True, listener)
     except (DeckError, SceneError) as error:
         return None, Outcome(BAD_DECK, "\n".join(error.messages))

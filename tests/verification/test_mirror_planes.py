@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pdfem_mpi.bonds import total_bonds
-from pdfem_mpi.discretization import discretize, make_mesh
-from pdfem_mpi.fields import point_positions
-from pdfem_mpi.probes import displacement_at, measure_bar, measure_line
-from pdfem_mpi.scene import (
+from pdfem_mpi.body.discretization import discretize, make_mesh
+from pdfem_mpi.deck.scene import (
     BarProbe,
     BodyForce,
     BoxMesh,
@@ -28,6 +25,9 @@ from pdfem_mpi.scene import (
     Support,
     Traction,
 )
+from pdfem_mpi.measure.fields import point_positions
+from pdfem_mpi.measure.probes import displacement_at, measure_bar, measure_line
+from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import follow_load_program, make_solver

@@ -8,10 +8,10 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from pdfem_mpi.failure import make_failure
-from pdfem_mpi.fields import gather_damage, point_positions
-from pdfem_mpi.scene import BoxMesh, Crack, Events, Material, Output, Peridynamics, Region, Scene, Solver, Support
-from pdfem_mpi.solvers.blocks import point_blocks
+from pdfem_mpi.deck.scene import BoxMesh, Crack, Events, Material, Output, Peridynamics, Region, Scene, Solver, Support
+from pdfem_mpi.measure.fields import gather_damage, point_positions
+from pdfem_mpi.peridynamics.failure import make_failure
+from pdfem_mpi.solvers.preconditioner.blocks import point_blocks
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from verification.bodies import build
 

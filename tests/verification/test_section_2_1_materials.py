@@ -11,8 +11,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pdfem_mpi.fields import point_positions
-from pdfem_mpi.scene import BodyForce, Material, Region, Support, Traction
+from pdfem_mpi.deck.scene import BodyForce, Material, Region, Support, Traction
+from pdfem_mpi.measure.fields import point_positions
 from pdfem_mpi.stepping import make_solver
 from verification.bodies import YOUNGS_MODULUS, build, make_scene, run_deck
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pdfem_mpi.bonds import BULK_MODULUS, RESPONSE_CONSTANT
-from pdfem_mpi.damage import local_damage
-from pdfem_mpi.fields import gather_damage, point_positions
-from pdfem_mpi.scene import Material, Output
+from pdfem_mpi.deck.scene import Material, Output
+from pdfem_mpi.measure.fields import gather_damage, point_positions
+from pdfem_mpi.peridynamics.bonds import BULK_MODULUS, RESPONSE_CONSTANT
+from pdfem_mpi.peridynamics.damage import local_damage
 from verification.bodies import bond_list, build, make_scene
 from verification.measure import cracked_block, damage_by_layer, lattice_constants, release_rate_inside, released
 

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from pdfem_mpi.loading import rigid_modes
-from pdfem_mpi.scene import BodyForce, Support
+from pdfem_mpi.deck.scene import BodyForce, Support
+from pdfem_mpi.model.loads import rigid_modes
 from pdfem_mpi.solvers import adr
 from verification.bodies import build, make_scene, run_deck
 

@@ -7,9 +7,9 @@ import pytest
 import skfem
 
 from helpers import ROOT
-from pdfem_mpi.deck import parse_deck
-from pdfem_mpi.fields import gather_fields
-from pdfem_mpi.scene import PlateWithHoleMesh
+from pdfem_mpi.deck.scene import PlateWithHoleMesh
+from pdfem_mpi.deck.toml import parse_deck
+from pdfem_mpi.measure.fields import gather_fields
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from verification.bodies import Silence, build, run_deck
 from verification.scikit import trilinear_elements

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from pdfem_mpi.scene import BodyForce, Crack, Support
+from pdfem_mpi.deck.scene import BodyForce, Crack, Support
 from pdfem_mpi.stepping import make_solver
 from verification.bodies import build, make_scene
 

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pdfem_mpi import hex8
-from pdfem_mpi.bonds import RESPONSE_CONSTANT, Bonds, Points, find_bonds
-from pdfem_mpi.kernels import families
-from pdfem_mpi.model import cluster_layout
+from pdfem_mpi.kernels import families, hex8
+from pdfem_mpi.model.model import cluster_layout
+from pdfem_mpi.peridynamics.bonds import RESPONSE_CONSTANT, Bonds, Points, find_bonds
 
 CUTOFF = 2.5 * (1 + families.CUTOFF_GUARD)
 W = 4

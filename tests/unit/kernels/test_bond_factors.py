@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from unit.kernels.bodies import W, body, part, parts, slots
 
-from pdfem_mpi.bonds import integer_bits, pattern_for
 from pdfem_mpi.kernels import bond_factors
 from pdfem_mpi.kernels.bond_factors import BLOCK_ENTRIES, BLOCK_SCALES, MONOMIALS, ROWS, N
+from pdfem_mpi.peridynamics.bonds import integer_bits, pattern_for
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow")  # numpy's integers warn as they wrap
 

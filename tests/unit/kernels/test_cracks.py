@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pdfem_mpi.bonds import cut_bonds, total_bonds
-from pdfem_mpi.model import point_rows
-from pdfem_mpi.scene import Crack, polygon_normal
+from pdfem_mpi.deck.scene import Crack, polygon_normal
+from pdfem_mpi.model.model import point_rows
+from pdfem_mpi.peridynamics.bonds import cut_bonds, total_bonds
 from verification.bodies import build, make_scene
 
 CELLS = (3, 3, 2)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from unit.kernels.bodies import LONG, W, body, layout, part, parts, slots, stored_bonds, table_rows
 
-from pdfem_mpi.bonds import integer_bits, pattern_for
 from pdfem_mpi.kernels import failure, peridynamics
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.preconditioner import add_point_blocks
+from pdfem_mpi.peridynamics.bonds import integer_bits, pattern_for
 
 ROUND_OFF = 1e-11  # relative: a few operations in float64 on differences of displacements, which cancel a little
 STRAIN = 2e-3

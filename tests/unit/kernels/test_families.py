@@ -18,8 +18,8 @@ from unit.kernels.bodies import (
     strengths,
 )  # fmt: skip
 
-from pdfem_mpi.bonds import RESPONSE_CONSTANT
 from pdfem_mpi.kernels import families
+from pdfem_mpi.peridynamics.bonds import RESPONSE_CONSTANT
 
 kinds = pytest.mark.parametrize("kind", ["box", "jittered", "graded"])
 SINGLE = 1.0001 * 2.0**-24  # rounding to float32, and of the double before it

@@ -5,8 +5,8 @@ import pytest
 from skfem import Basis, BilinearForm, ElementHex1, ElementVector, MeshHex
 from skfem.helpers import ddot, eye, sym_grad, trace
 
-from pdfem_mpi import hex8
 from pdfem_mpi.kernels import finite_elements as fe
+from pdfem_mpi.kernels import hex8
 
 QUANTUM = 2.0**-50
 YOUNG, NU = 2.5, 0.3

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.images import MAGNITUDES, MIXED_PRODUCTS, VECTOR, Images
 from pdfem_mpi.kernels import families
 from pdfem_mpi.kernels.images import copy_images, return_images, share_own_images
-from pdfem_mpi.mirrors import mirrors_at
+from pdfem_mpi.mesh.mirrors import mirrors_at
+from pdfem_mpi.peridynamics.images import MAGNITUDES, MIXED_PRODUCTS, VECTOR, Images
 
 pytestmark = pytest.mark.nojit
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi import hex8
-from pdfem_mpi.kernels import overlap
+from pdfem_mpi.kernels import hex8, overlap
 
 N_CELLS, FIRST, N_OVERLAP = 6, 2, 3
 

@@ -18,10 +18,10 @@ from unit.kernels.bodies import (
     table_rows,
 )  # fmt: skip
 
-from pdfem_mpi.bonds import Rows, integer_bits, pattern_for
-from pdfem_mpi.failure import UNBREAKABLE
 from pdfem_mpi.kernels import peridynamics
 from pdfem_mpi.kernels.peridynamics import SERIES_LIMIT, SMALLEST_SQUARE
+from pdfem_mpi.peridynamics.bonds import Rows, integer_bits, pattern_for
+from pdfem_mpi.peridynamics.failure import UNBREAKABLE
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow")  # numpy's integers warn as they wrap
 

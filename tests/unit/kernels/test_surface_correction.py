@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from unit.kernels.bodies import W, add_at, body, layout, part, parts, stored_bonds, strengths, table_rows
 
-from pdfem_mpi.bonds import integer_bits, pattern_for
 from pdfem_mpi.kernels import peridynamics, surface_correction
+from pdfem_mpi.peridynamics.bonds import integer_bits, pattern_for
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow")  # numpy's integers warn as they wrap
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.model import point_rows
-from pdfem_mpi.scene import BodyForce, Crack, Support
+from pdfem_mpi.deck.scene import BodyForce, Crack, Support
+from pdfem_mpi.model.model import point_rows
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
-from pdfem_mpi.solvers.multilevel import make_preconditioner
+from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from pdfem_mpi.stepping import make_solver
 from verification.bodies import build, make_scene
 

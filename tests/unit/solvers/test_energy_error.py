@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from pdfem_mpi.scene import BodyForce, Support
+from pdfem_mpi.deck.scene import BodyForce, Support
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.energy_error import Coefficients
-from pdfem_mpi.solvers.multilevel import make_preconditioner
+from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from verification.bodies import build, make_scene
 
 # The estimate over the true error: 0.55 to 1.4 were found on bodies of these kinds, for residuals below a tenth

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.scene import Events, Steps, Support
+from pdfem_mpi.deck.scene import Events, Steps, Support
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import events
 from verification.failing import CHIP, DEAD, EDGE, STRETCH, chipped, failing, followed, numbers, strip

@@ -1,0 +1,1 @@
+"""What every cell carries, and on which rank."""

@@ -1,0 +1,1 @@
+"""What to simulate: tables, checks, TOML, sentences."""

@@ -1,0 +1,1 @@
+"""What is read off a solution: fields of the whole body, probes."""

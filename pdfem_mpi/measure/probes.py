@@ -1,0 +1,309 @@
+"""Numbers a deck asks for: displacements at points and along lines, and a bar's comparison with uniform tension."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.deck.scene import BarProbe, LineProbe, Scene
+from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, gauss_volumes, shape_functions, shape_gradients
+from pdfem_mpi.measure.fields import Fields, point_positions
+
+#: Stations nearer than this many cutoff radii to an end or to the interface are left out of straight-line fits.
+MARGIN = 2.0
+NEWTON_STEPS = 50
+#: Layers whose exact strains agree within this fraction have one modulus.
+SAME_STRAIN = 1e-9
+
+
+@dataclass(frozen=True)
+class Bar:
+    """Mean displacements of the cross sections of a bar.
+
+    Attributes
+    ----------
+    coordinate : float64, shape (n,), dimension length
+        Centres of the layers of cells along the axis.
+    displacement, exact : float64, shape (n,), dimension length
+        Mean axial displacement of each layer, its rigid part chosen so that the two end faces move by opposite
+        amounts (a face's displacement is its layer's, continued linearly; of a bar halved by a mirror plane, as it is),
+        and the integral of ``strain`` from the middle.
+    strain : float64, shape (n,), dimension 1
+        ``stress / E`` of each layer, with the mean of Young's modulus over its volume: exact where the materials of
+        a cross section have one Poisson's ratio, and away from changes along the axis.
+    elongation : float, dimension length
+        The exact one, from end face to end face.
+    moduli_change : float64, shape (n_changes,), dimension length
+        Axial coordinates between layers of different moduli.
+    has_points : bool, shape (n,)
+        Layers described by free peridynamic points (else by elements or the overlap).
+    lateral_strain : float64, shape (n,), dimension 1
+        Slope of the lateral displacements over the lateral positions.
+    interfaces : tuple of float
+        Axial coordinates between free peridynamic cells and the overlap.
+    overlap : tuple of float or None
+        Axial interval of the overlap at the first interface.
+    """
+
+    coordinate: np.ndarray
+    displacement: np.ndarray
+    exact: np.ndarray
+    strain: np.ndarray
+    elongation: float
+    moduli_change: np.ndarray
+    has_points: np.ndarray
+    lateral_strain: np.ndarray
+    interfaces: tuple[float, ...]
+    overlap: tuple[float, float] | None
+
+    @property
+    def interface(self) -> float | None:
+        """The first interface."""
+        return self.interfaces[0] if self.interfaces else None
+
+    def first_run(self, of_points: bool) -> np.ndarray:
+        """Layers of one description and modulus, up to the first that is not; bool, shape (n,)."""
+        same = self.has_points == of_points
+        starts = same & (np.diff(same, prepend=False) | np.append(False, changes(self.strain)))
+        return same & (np.cumsum(starts) == 1)
+
+
+@dataclass(frozen=True)
+class Line:
+    """Displacements along a straight line.
+
+    Attributes
+    ----------
+    distance : float64, shape (n,), dimension length
+        From the start.
+    position : float64, shape (n, 3), dimension length
+    displacement : float64, shape (n, 3), dimension length
+        NaN outside of the body.
+    kind : str, shape (n,)
+        "finite elements" (also in their overlap), "peridynamics", or "" outside of the body.
+    """
+
+    distance: np.ndarray
+    position: np.ndarray
+    displacement: np.ndarray
+    kind: np.ndarray
+
+
+def measure_line(discretization: Discretization, fields: Fields, probe: LineProbe) -> Line:
+    """Sample the displacement along a line."""
+    start, stop = np.array(probe.start), np.array(probe.stop)
+    t = np.arange(probe.n) / (probe.n - 1)
+    position = start + t[:, None] * (stop - start)
+    position[-1] = stop
+    displacement, kind = np.full((probe.n, 3), np.nan), np.full(probe.n, "", object)
+    for k, point in enumerate(position):
+        holders, outside = _locate(discretization, point)
+        if outside <= discretization.mesh.tolerance:
+            displacement[k] = _interpolate(discretization, fields, holders, point)
+            bonds = discretization.is_peridynamic[next(iter(holders))]
+            kind[k] = "peridynamics" if bonds else "finite elements"
+    return Line(t * float(np.linalg.norm(stop - start)), position, displacement, kind.astype(str))
+
+
+def displacement_at(discretization: Discretization, fields: Fields, point) -> np.ndarray:
+    """Displacement at a point of the body, by the shape functions of its cell.
+
+    In a cell with elements or overlap the nodes are interpolated, in a peridynamic cell the trilinear function
+    through its eight points; where peridynamic cells meet, their mean. Outside the body the nearest of its points is
+    taken. On a mirror plane the mean includes the mirror image: nothing moves out of it.
+
+    Returns
+    -------
+    float64, shape (3,), dimension length
+    """
+    point = np.asarray(point, float)
+    return _interpolate(discretization, fields, _locate(discretization, point)[0], point)
+
+
+def _locate(discretization: Discretization, point: np.ndarray) -> tuple[dict[int, np.ndarray], float]:
+    """Cells that hold a point, or come closest to it.
+
+    Returns
+    -------
+    holders : dict from cell to float64, shape (3,)
+        Reference coordinates in the first such cell with nodes; without any, in all such peridynamic cells.
+    outside : float, dimension length
+        Distance of the point from them; 0 inside, up to round-off.
+    """
+    mesh = discretization.mesh
+    cell = int(np.argmin(((mesh.centroids - point) ** 2).sum(axis=1)))
+    near = np.flatnonzero(mesh.neighbours(np.arange(len(mesh.cells)) == cell))
+    corners = mesh.nodes[mesh.cells[near]]
+    local = _reference_coordinates(corners, point)
+    nearest = (shape_functions(np.clip(local, -1.0, 1.0))[:, :, None] * corners).sum(axis=1)
+    beyond = np.linalg.norm(nearest - point, axis=1)
+    outside = float(beyond.min())
+    chosen = np.flatnonzero(beyond <= outside + mesh.tolerance)
+    chosen = [k for k in chosen if discretization.has_nodes[near[k]]][:1] or chosen
+    return {int(near[k]): local[k] for k in chosen}, outside
+
+
+def _interpolate(discretization: Discretization, fields: Fields, holders: dict[int, np.ndarray], point) -> np.ndarray:
+    """Mean over the holders of their own interpolation, and their mirror images', at the nearest of their points."""
+    total = np.zeros(3)
+    for cell, coordinates in holders.items():
+        rst = np.clip(coordinates, -1.0, 1.0)
+        if discretization.has_nodes[cell]:
+            values = fields.u_nodes[discretization.node_number[discretization.mesh.cells[cell]]]
+            shape = shape_functions(rst[None])[0]
+        else:
+            values = fields.u_points.reshape(-1, 8, 3)[discretization.point_cell_number[cell]]
+            shape = np.prod((1.0 + 9.0 * (rst / 3.0) * GAUSS_POINTS) / 2.0, axis=1)
+        total += (shape[:, None] * values).sum(axis=0)
+    units, mesh = discretization.units, discretization.mesh
+    place = (np.clip(point, mesh.lower, mesh.upper)[None] - units.origin) / units.length
+    total[discretization.mirrors.normal_components(place, mesh.tolerance / units.length)[0]] = 0.0
+    return total / len(holders)
+
+
+def _reference_coordinates(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Solve ``x(r, s, t) = point`` by Newton's method in each cell; shapes (n, 8, 3) and (3,) to (n, 3)."""
+    rst = np.zeros((len(corners), 3))
+    for _ in range(NEWTON_STEPS):
+        miss = point - (shape_functions(rst)[:, :, None] * corners).sum(axis=1)
+        jacobian = (corners[:, :, :, None] * shape_gradients(rst)[:, :, None, :]).sum(axis=1)
+        step = np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0]
+        rst = np.clip(rst + step, -3.0, 3.0)
+        if np.abs(step).max() < 1e-13:
+            break
+    return rst
+
+
+def measure_bar(
+    scene: Scene, discretization: Discretization, fields: Fields, probe: BarProbe, factor: float
+) -> Bar:
+    """Average a bar over its cross sections at a load factor."""
+    mesh = discretization.mesh
+    axis = "xyz".index(probe.axis)
+    others = [d for d in range(3) if d != axis]
+    place = np.rint((mesh.centroids[:, axis] - mesh.lower[axis]) / mesh.tolerance).astype(np.int64)
+    values, layer = np.unique(np.floor((place + 10) / 20).astype(np.int64), return_inverse=True)
+    n = len(values)
+
+    x_points = u_points = None
+    if discretization.has_points.any():
+        x_points = point_positions(discretization).reshape(-1, 8, 3)
+        u_points = fields.u_points.reshape(-1, 8, 3)
+    coordinate, displacement, lateral = np.zeros(n), np.zeros(n), np.zeros(n)
+    faces = []
+    of_points = np.zeros(n, bool)
+    units = discretization.units
+    planes = [
+        [position * units.length + units.origin[d] for position in positions]
+        for d, positions in enumerate(discretization.mirrors.planes)
+    ]
+    for k in range(n):
+        cells = np.flatnonzero(layer == k)
+        of_points[k] = discretization.is_peridynamic[cells].all()
+        if of_points[k]:
+            number = discretization.point_cell_number[cells]
+            x, u = x_points[number].reshape(-1, 3), u_points[number].reshape(-1, 3)
+        else:
+            cells = cells[discretization.has_nodes[cells]]
+            corners = mesh.cells[cells]
+            x = mesh.nodes[corners].reshape(-1, 3)
+            u = fields.u_nodes[discretization.node_number[corners]].reshape(-1, 3)
+        coordinate[k] = mesh.centroids[cells, axis].mean()
+        displacement[k] = u[:, axis].mean()
+        lateral[k] = np.mean([_slope(x[:, d], u[:, d], planes[d]) for d in others])
+        if k in (0, n - 1):
+            face = mesh.lower[axis] if k == 0 else mesh.upper[axis]
+            faces.append(np.polyval(np.polyfit(x[:, axis], u[:, axis], 1), face))
+    if discretization.mirrors.planes[axis]:
+        fixed_end = 0.0
+    else:
+        displacement -= 0.5 * (faces[0] + faces[-1])
+        fixed_end = 0.5
+    reach = np.array([mesh.nodes[mesh.cells[layer == k], axis].max() for k in range(n)])
+    strain = factor * probe.stress / (scene.material.youngs_modulus * _layer_moduli(discretization, layer, n))
+    ends = np.concatenate([[0.0], np.cumsum(strain * np.diff(reach, prepend=mesh.lower[axis]))])
+    exact = 0.5 * (ends[:-1] + ends[1:]) - fixed_end * ends[-1]
+    switches = np.flatnonzero(of_points[1:] != of_points[:-1])
+    overlap = None
+    if len(switches):
+        of_elements = discretization.is_overlap & ~discretization.is_peridynamic
+        shared = np.array([of_elements[layer == k].any() for k in range(n)])
+        first = switches[0] if shared[switches[0]] else switches[0] + 1
+        last = first
+        while first > 0 and shared[first - 1]:
+            first -= 1
+        while last + 1 < n and shared[last + 1]:
+            last += 1
+        overlap = (float(reach[first - 1]) if first else float(mesh.lower[axis]), float(reach[last]))
+    interfaces = tuple(reach[switches].tolist())
+    moduli_change = reach[:-1][changes(strain)]
+    return Bar(
+        coordinate, displacement, exact, strain, float(ends[-1]), moduli_change, of_points, lateral, interfaces, overlap
+    )
+
+
+def changes(strain: np.ndarray) -> np.ndarray:
+    """Whether the strain of a layer differs from the one before by more than round-off; bool, shape (n - 1,)."""
+    return ~np.isclose(strain[1:], strain[:-1], rtol=SAME_STRAIN, atol=0.0)
+
+
+def _layer_moduli(discretization: Discretization, layer: np.ndarray, n: int) -> np.ndarray:
+    """Mean of Young's modulus over the volume of each layer of cells, model units; float64, shape (n,)."""
+    volume = gauss_volumes(discretization.nodes[discretization.mesh.cells]).sum(axis=1)
+    stiffness = np.bincount(layer, volume * discretization.youngs_modulus, n)
+    return stiffness / np.bincount(layer, volume, n)
+
+
+def _slope(x: np.ndarray, u: np.ndarray, planes: list[float]) -> float:
+    """Slope of the straight line through displacements, of those beyond a mirror plane as well."""
+    if not planes:
+        return np.polyfit(x, u, 1)[0]
+    return float(((x - planes[0]) * u).sum() / ((x - planes[0]) ** 2).sum())
+
+
+def bar_results(
+    scene: Scene, discretization: Discretization, bar: Bar, probe: BarProbe, factor: float
+) -> dict:
+    """End error, moduli and Poisson's ratio of each description, and the jump at the first interface.
+
+    The end error is that of the last layer of cells, in percent of the exact displacement of the end face.
+    Moduli, relative to the run's own, and the jump come from straight lines fitted to the first run of layers of each
+    description and modulus, those more than ``MARGIN`` cutoff radii (of cell edges, without peridynamics) away from the
+    ends, the interfaces and changes of the modulus. The jump is the peridynamic line minus the finite-element line at
+    the interface, in units of the bar's mean strain times cell edge; only where both runs reach it.
+    """
+    margin = MARGIN * (discretization.cutoff * discretization.units.length or discretization.mesh.mean_edge)
+    lower, upper = (
+        corner["xyz".index(probe.axis)] for corner in (discretization.mesh.lower, discretization.mesh.upper)
+    )
+    strain = bar.elongation / (upper - lower)
+    halved = bool(discretization.mirrors.planes["xyz".index(probe.axis)])
+    half_length = (1.0 if halved else 0.5) * (upper - lower)
+    clear = (halved | (bar.coordinate > lower + margin)) & (bar.coordinate < upper - margin)
+    for interface in (*bar.interfaces, *bar.moduli_change):
+        clear &= np.abs(bar.coordinate - interface) > margin
+    results = {
+        "end_displacement": float(bar.displacement[-1]),
+        "end_error_percent": float(
+            100.0 * (bar.displacement[-1] - bar.exact[-1]) / (strain * half_length)
+        ),
+    }
+    lines, runs = {}, []
+    for name, of_points in (("finite_elements", False), ("peridynamics", True)):
+        chosen = run = bar.first_run(of_points)
+        if np.count_nonzero(chosen & clear) >= 2:
+            chosen = chosen & clear
+        if np.count_nonzero(chosen) < 2:
+            continue
+        lines[name] = np.polyfit(bar.coordinate[chosen], bar.displacement[chosen], 1)
+        runs.append(np.flatnonzero(run)[[0, -1]])
+        results[f"modulus_ratio_{name}"] = float(bar.strain[run][0] / lines[name][0])
+        results[f"poissons_ratio_{name}"] = float(-bar.lateral_strain[chosen].mean() / lines[name][0])
+    if len(lines) == 2 and (runs[0][1] + 1 == runs[1][0] or runs[1][1] + 1 == runs[0][0]):
+        gap = np.polyval(lines["peridynamics"], bar.interface) - np.polyval(
+            lines["finite_elements"], bar.interface
+        )
+        results["interface_jump"] = float(gap / (strain * discretization.mesh.mean_edge))
+    return results

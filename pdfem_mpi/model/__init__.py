@@ -1,0 +1,1 @@
+"""One rank's equations: constants, unknowns, forces, loads, parts of the body."""

@@ -1,0 +1,153 @@
+"""When a run pauses: to keep a checkpoint, or to stop with one. Decided by all ranks alike, at safe points only.
+
+A signal sets a flag and nothing else. Flags of all ranks, and what rank 0's clock says, travel as two more
+integers in a reduction that the solvers make anyway: all ranks read the same sums and decide alike. A safe point is
+where the state is whole: between load steps, and in relaxation after each step of central differences. No clock
+decides a number of the results, only when a file is written; and it is one that nobody can set back.
+"""
+
+from __future__ import annotations
+
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pdfem_mpi.parallel.comm import broadcast, sum_integers
+from pdfem_mpi.system.signals import Requests
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+#: A checkpoint costs this fraction of the run's time at most, however often it is asked for by the clock.
+LARGEST_SHARE = 0.05
+#: Seconds that a checkpoint is taken to cost before one was written.
+FIRST_COST = 1.0
+
+
+class Stopped(Exception):
+    """The run was asked to stop, and its state is kept. Raised on all ranks alike.
+
+    Attributes
+    ----------
+    kept : bool
+        A checkpoint of this very state was written.
+    """
+
+    def __init__(self, reason: str, kept: bool):
+        self.kept = kept
+        super().__init__(reason)
+
+
+class Never:
+    """Pauses that do not come: for solvers that are called without a run around them."""
+
+    def wishes(self) -> tuple[int, int]:
+        """Nothing is wished."""
+        return 0, 0
+
+    def act(self, wishes: Any, state: Any) -> None:
+        """Go on."""
+
+    def between(self, state: Any) -> None:
+        """Go on."""
+
+
+NEVER = Never()
+
+
+class Pauses:
+    """When to keep a checkpoint, and when to stop.
+
+    Parameters
+    ----------
+    comm : Intracomm
+    requests : Requests
+        What signals ask.
+    keeper : Keeper
+        Its ``save(state) -> bool`` and ``remember(state)`` are called, collectively.
+    settings : scene.Checkpoint
+    end : float or None
+        Time of ``monotonic`` on rank 0 at which the run must be over.
+
+    Attributes
+    ----------
+    cost : float
+        Seconds that the last checkpoint took, a guess until one was written.
+    """
+
+    def __init__(self, comm: Intracomm, requests: Requests, keeper: Any, settings: Any, end: float | None = None):
+        self.comm, self.requests, self.keeper, self.settings, self.end = comm, requests, keeper, settings, end
+        self.cost = FIRST_COST
+        self._last = monotonic()
+        self._kept: tuple[float, ...] | None = None
+        self._step = 0
+
+    def wishes(self) -> tuple[int, int]:
+        """This rank's wishes, to be added over all ranks: to stop, and to keep a checkpoint."""
+        if self.comm.rank > 0:
+            return int(self.requests.stop), 0
+        now = monotonic()
+        stop = self.requests.stop or (self.end is not None and now > self.end - 2.0 * self.cost)
+        return int(stop), int(now - self._last > max(60.0 * self.settings.minutes, self.cost / LARGEST_SHARE))
+
+    def act(self, wishes: Any, state: Any) -> None:
+        """Do what the summed wishes say, at a safe point of relaxation. Collective.
+
+        Raises
+        ------
+        Stopped
+            On all ranks.
+        """
+        stop, save = (int(wish) for wish in wishes)
+        if stop:
+            self._stop(state)
+        elif save or _due(state.iteration, self.settings.iterations) or self._steps_due(state):
+            self.save(state)
+
+    def between(self, state: Any) -> None:
+        """A safe point between load steps, events or batches: ask all ranks and act. Collective.
+
+        Raises
+        ------
+        Stopped
+            On all ranks.
+        """
+        stop, save = (int(wish) for wish in sum_integers(self.comm, np.array(self.wishes())))
+        self.keeper.remember(state)
+        if stop:
+            self._stop(state)
+        elif save or self._steps_due(state):
+            self.save(state)
+
+    def resumed(self, state: Any) -> None:
+        """The state is that of a checkpoint: none is written until it has moved on."""
+        self._kept, self._step = _place(state), state.step
+
+    def save(self, state: Any) -> bool:
+        """Keep a checkpoint unless this very state has one. Collective."""
+        if self._kept == _place(state):
+            return True  # not twice
+        start = monotonic()
+        kept = self.keeper.save(state)
+        self._last = monotonic()
+        self.cost, self._step = self._last - start, state.step
+        if kept:
+            self._kept = _place(state)
+        return kept
+
+    def _steps_due(self, state: Any) -> bool:
+        return self.settings.steps is not None and state.step >= self._step + self.settings.steps
+
+    def _stop(self, state: Any) -> None:
+        asked = broadcast(self.comm, self.end is None or monotonic() <= self.end - 2.0 * self.cost)
+        raise Stopped("asked to stop" if asked else "the time allowed by --max-hours is used up", self.save(state))
+
+
+def _due(count: int, every: int | None) -> bool:
+    return every is not None and count > 0 and count % every == 0
+
+
+def _place(state: Any) -> tuple[float, ...]:
+    """Where a run is: no two states of one run have the same, and all ranks agree."""
+    return state.step, state.iteration, state.spent, *state.program.values()

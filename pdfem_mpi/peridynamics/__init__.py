@@ -1,0 +1,1 @@
+"""Bonds: points, rows, corrections, failure, damage."""

@@ -1,0 +1,282 @@
+"""Failure of bonds (eq. 4): which may break and when, and the books of those that broke.
+
+A bond breaks for good when its stretch passes the critical one, which depends on the regions of its two points: the
+value for their two materials, infinity where one of them may not fail. The sweeps break and record bonds; the books
+gather the records: which bonds, on this rank, and the energy they had, as an exact sum over all ranks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.materials import bond_stretches
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.kernels import failure
+from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry, value
+from pdfem_mpi.kernels.families import CUTOFF_GUARD
+from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.mesh.hexmesh import HexMesh
+from pdfem_mpi.model.model import Model
+from pdfem_mpi.parallel.comm import largest, sum_integers
+
+#: Critical stretch of bonds that do not break: far above any stretch, and its square is finite.
+UNBREAKABLE = 1e100
+#: Fitted bonds up to this fraction of the mean edge of the cells with bonds set no load: where strains vary, the
+#: distance of the nearest points reads up to a third too much (docs/failure_criterion.md).
+TOO_NEAR = 0.5
+#: Records a sweep can hold before they are booked; a point with more rows gets more.
+RECORDS = 16384
+
+
+@dataclass(frozen=True)
+class Broken:
+    """Bonds that broke on this rank: local points and stored numbers, shapes (n, 2)."""
+
+    pairs: np.ndarray
+    strengths: np.ndarray
+
+
+@dataclass
+class Failure:
+    """Critical stretches, and the books of broken bonds of one rank.
+
+    Attributes
+    ----------
+    class_of : uint8, shape (n_clusters,)
+        Class (the deck's region) of the points of each local cluster.
+    stretch : float64, shape (n_classes, n_classes)
+        Critical stretch by the classes of the two points; at least `UNBREAKABLE` if the bond does not break.
+    pairs, strengths, counter
+        Records of the sweep under way (see kernels/peridynamics.py).
+    nearest : float, dimension length
+        Bonds up to this length break like others, but do not tell at which load the next bond breaks.
+    global_pairs : list of int64 arrays (n, 2)
+        Global ids (lower, higher) of all bonds broken on this rank; an image's id is above that of its point by the
+        number of its reflection times the number of points.
+    count : int
+        Their number on all ranks.
+    dissipated : float, dimension force length
+        The energy all of them had when they broke.
+    extent : float64, shape (2, 3), dimension length
+        Bounding box of the midpoints of all broken bonds; inf where there are none.
+    last_extent : float64, shape (2, 3), dimension length
+        That of the bonds broken by the last evaluation that broke any.
+    """
+
+    class_of: np.ndarray
+    stretch: np.ndarray
+    pairs: np.ndarray
+    strengths: np.ndarray
+    counter: np.ndarray
+    nearest: float = 0.0
+    global_pairs: list[np.ndarray] = field(default_factory=list)
+    count: int = 0
+    dissipated: float = 0.0
+    extent: np.ndarray = field(default_factory=lambda: nowhere())
+    last_extent: np.ndarray = field(default_factory=lambda: nowhere())
+    _fresh: list[Broken] = field(default_factory=list)
+    _pairs: list[np.ndarray] | None = None
+    _digits: np.ndarray = field(default_factory=lambda: np.zeros(SIZE, np.int64))
+    _total: np.ndarray = field(default_factory=lambda: np.zeros(SIZE, np.int64))
+    _box: np.ndarray = field(default_factory=lambda: nowhere())
+    _closed: int = 0
+
+    def limits(self, finite: bool, margin: float) -> tuple[np.ndarray, np.ndarray]:
+        """What the sweeps compare with, for stretches beyond ``(1 - margin) s_0``.
+
+        Returns
+        -------
+        trigger : float64, shape (n_classes,)
+        critical : float64, shape (n_classes, n_classes)
+            Of ``e`` (finite) or of the stretch (linear).
+        """
+        s = (1.0 - margin) * self.stretch
+        critical = s * (2.0 + s) if finite else s
+        return critical.min(axis=1), critical
+
+    @property
+    def records(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What the sweeps write to."""
+        return self.pairs, self.strengths, self.counter
+
+    def book(self, model: Model, S: np.ndarray) -> None:
+        """Empty the records into the books; the bonds' energies are those at the displacements of the table ``S``."""
+        n = int(self.counter[0])
+        if n == 0:
+            return
+        self.counter[0] = 0
+        pairs, strengths = self.pairs[:n].copy(), self.strengths[:n].copy()
+        energies = np.empty(n)
+        failure.broken_energies(pairs, strengths, n, S.reshape(-1), model.bonds.finite, energies)
+        add_products(energies, np.ones(n), self._digits)
+        self._enter(model, pairs, strengths)
+
+    def _enter(self, model: Model, pairs: np.ndarray, strengths: np.ndarray) -> None:
+        ids = 8 * model.points.cell_key[pairs // 8] + pairs % 8
+        self.global_pairs.append(np.sort(ids, axis=1))
+        place = 12 * (pairs // W) + pairs % W
+        for d in range(3):
+            middle = 0.5 * (model.points.x[place[:, 0] + W * d] + model.points.x[place[:, 1] + W * d])
+            self._box[0, d] = min(self._box[0, d], middle.min())
+            self._box[1, d] = max(self._box[1, d], middle.max())
+        self._fresh.append(Broken(pairs, strengths))
+        if self._pairs is not None:
+            self._pairs.append(pairs)
+
+    def close(self, model: Model) -> int:
+        """Join the books of all ranks after an evaluation that breaks; the number of bonds it broke. Collective."""
+        fresh = sum(len(broken.pairs) for broken in self._fresh[self._closed :])
+        joined = sum_integers(model.comm, np.append(self._digits, fresh))
+        self._closed = len(self._fresh)
+        if joined[-1]:
+            self._digits[:] = 0
+            self._total += joined[:-1]
+            carry(self._total)
+            self.count += int(joined[-1])
+            self.dissipated = value(self._total)
+            sign = np.array([[-1.0], [1.0]])
+            self.last_extent = sign * largest(model.comm, sign * self._box)
+            self.extent = sign * np.maximum(sign * self.extent, sign * self.last_extent)
+            self._box = nowhere()
+        return int(joined[-1])
+
+    def take(self) -> Broken:
+        """The bonds broken on this rank since the last call."""
+        taken = Broken(
+            np.concatenate([np.empty((0, 2), np.int64), *(b.pairs for b in self._fresh)]),
+            np.concatenate([np.empty((0, 2), np.float32), *(b.strengths for b in self._fresh)]),
+        )
+        self._fresh.clear()
+        self._closed = 0
+        return taken
+
+    def take_pairs(self) -> np.ndarray:
+        """Local points of the bonds broken on this rank since the last call, int64, shape (n, 2); none at the first."""
+        taken = np.concatenate([np.empty((0, 2), np.int64), *(self._pairs or ())])
+        self._pairs = []
+        return taken
+
+    def largest_ratio(self, model: Model, S: np.ndarray) -> float:
+        """Largest stretch relative to its critical one, of the intact bonds that tell at the table ``S``. Collective.
+
+        Where none of them is stretched, all tell.
+        """
+        inverse = np.where(self.stretch < UNBREAKABLE, 1.0 / self.stretch, 0.0)
+
+        def top(nearest):
+            of_rows = (
+                failure.largest_ratio(
+                    *rows.arrays, S.reshape(-1), self.class_of, inverse, model.bonds.finite, nearest**2
+                )
+                for rows in model.bonds.rows
+            )
+            return float(largest(model.comm, np.array([max(of_rows)]))[0])
+
+        return top(self.nearest) or top(0.0)
+
+    def broken_pairs(self) -> np.ndarray:
+        """Global ids (lower, higher) of the bonds broken on this rank, int64, shape (n, 2)."""
+        return np.concatenate([np.empty((0, 2), np.int64), *self.global_pairs])
+
+    def restore(self, model: Model, broken: np.ndarray, dissipated: np.ndarray, total: int | None = None) -> None:
+        """Break the bonds of another run of the scene, on whatever ranks they stand now. Collective.
+
+        Parameters
+        ----------
+        broken : int64, shape (n, 2)
+            Global ids of all broken bonds with an end on this rank, at least.
+        dissipated : int64, shape (SIZE,)
+            `dissipated_digits` of that run.
+        total : int, optional
+            Number of broken bonds on all ranks, if ``broken`` are not all of them.
+
+        Raises
+        ------
+        ValueError
+            On all ranks: some of them are not bonds of this scene.
+        """
+        total = len(broken) if total is None else total
+        wanted = _local_points(model, broken)
+        for rows in model.bonds.rows:
+            pairs, strengths = np.empty_like(wanted), np.empty(wanted.shape, np.float32)
+            n = failure.break_listed(wanted, *rows.arrays, model.bonds.finite, pairs, strengths)
+            if n:
+                self._enter(model, pairs[:n].copy(), strengths[:n].copy())
+        if self.close(model) != total:
+            raise ValueError(f"only {self.count} of {total} broken bonds are bonds of this scene")
+        self._total[:] = dissipated
+        self.dissipated = value(self._total)
+
+    @property
+    def dissipated_digits(self) -> np.ndarray:
+        """The dissipated energy as an exact sum, equal on all ranks; int64, shape (SIZE,)."""
+        return self._total
+
+
+def describe_criterion(failure: Failure | None) -> tuple[str, ...]:
+    """What a user should know about breaking fitted bonds."""
+    if failure is None or not failure.nearest:
+        return ()
+    return (
+        'note: bonds that may break have peridynamics.surface_correction = "fitted", with which bodies carried some 15 '
+        '% more than with "virial" and some 20 % more than finer ones (docs/failure_criterion.md). Use "virial" for '
+        "peaks.",
+    )
+
+
+def nowhere() -> np.ndarray:
+    """The bounding box of nothing."""
+    return np.array([[np.inf] * 3, [-np.inf] * 3])
+
+
+def _local_points(model: Model, ids: np.ndarray) -> np.ndarray:
+    """Local indices of pairs of points, images included, of which this rank owns one and sees both; int64, (m, 2)."""
+    number = model.points.cell_key
+    order = np.argsort(number, kind="stable")
+    if not len(order) or not len(ids):
+        return np.empty((0, 2), np.int64)
+    place = np.minimum(np.searchsorted(number, ids // 8, sorter=order), len(order) - 1)
+    cell = order[place]
+    here = (number[cell] == ids // 8).all(axis=1) & (cell < model.points.n_owned).any(axis=1)
+    return np.ascontiguousarray((8 * cell + ids % 8)[here])
+
+
+def make_failure(scene: Scene, discretization: Discretization, model: Model) -> Failure | None:
+    """The scene's critical stretches; None if no bond can break."""
+    if not model.bonds:
+        return None
+    stretch = critical_stretches(scene, discretization)
+    if not (stretch < UNBREAKABLE).any():
+        return None
+    share = model.subdomain
+    cells = np.concatenate([share.free, share.overlap, share.ghosts, share.images])
+    most = max(int(np.diff(rows.start).max(initial=0)) for rows in model.bonds.rows)
+    room = max(RECORDS, W * most)
+    fitted = model.body_fit is not None and model.body_fit.fit is not None
+    return Failure(
+        class_of=np.repeat(discretization.region[cells].astype(np.uint8), 2),
+        stretch=stretch,
+        pairs=np.empty((room, 2), np.int64),
+        strengths=np.empty((room, 2), np.float32),
+        counter=np.zeros(1, np.int64),
+        nearest=TOO_NEAR * _mean_edge(discretization) if fitted else 0.0,
+    )
+
+
+def _mean_edge(discretization: Discretization) -> float:
+    """Mean over all edges of the cells with points, each cell's own counted, dimension length."""
+    mesh = discretization.mesh
+    return HexMesh(mesh.nodes, mesh.cells[discretization.has_points]).average_edge / discretization.units.length
+
+
+def critical_stretches(scene: Scene, discretization: Discretization) -> np.ndarray:
+    """Critical stretch of the bonds between points of two regions, float64, shape (n_regions, n_regions)."""
+    cutoff_ratio = discretization.cutoff / (1.0 + CUTOFF_GUARD)
+    of_materials = bond_stretches(scene, discretization.units.length, cutoff_ratio)
+    material = np.array([discretization.materials.names.index(region.material) for region in scene.regions])
+    may = np.array([region.may_fail for region in scene.regions])
+    critical = np.minimum(of_materials[material[:, None], material], UNBREAKABLE)
+    return np.where(may[:, None] & may, critical, UNBREAKABLE)

@@ -1,0 +1,1 @@
+"""Fitted bond factors: one symmetric factor a bond, with which every uniform strain is an equilibrium."""

@@ -1,0 +1,190 @@
+"""The boundary of a body of hexahedra: its faces, the area vectors of its collocation points, and their compatibility.
+
+A body is what hangs together and has one stiffness; where two meet, the common face belongs to the boundary of both.
+The area vector of a point is ``N(i) = int L_i n dA`` over the body's boundary, with ``L_i`` the trilinear function of
+a cell that is 1 at Gauss point i and 0 at the other seven. A uniform stress ``sigma`` pulls at the body's points with
+``sigma N(i)``.
+
+Bonds can balance such forces for every uniform strain only where the area vectors do no work on the traces of the
+symmetric Killing tensors of rank 3, of which there are fifty: ``(P.Q) R + (P.R) Q + (Q.R) P`` for every choice of
+three rigid motions. Blocks and symmetric meshes fulfil this by themselves; elsewhere the smallest change of the area
+vectors restores it.
+
+Everything here is computed from the whole mesh, alike on every rank: the same bits everywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, REFERENCE_NODES
+from pdfem_mpi.mesh.faces import match_faces, outer_faces
+from pdfem_mpi.mesh.hexmesh import FACES, HexMesh
+from pdfem_mpi.peridynamics.fit.killing import rigid_motions
+
+#: Directions of the compatibility conditions weaker than this fraction of the strongest are none.
+INDEPENDENT = 1e-11
+#: Works on the traces below this fraction of the sum of their magnitudes are round-off.
+COMPATIBLE = 1e-12
+#: Turns of the correction of the area vectors; each gains ten digits or more.
+TURNS = 3
+#: Points of the boundary treated together.
+BATCH = 2**14
+
+_FACE_CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+_FACE_POINTS = _FACE_CORNERS / np.sqrt(3.0)
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Boundary faces of bodies, each of one cell.
+
+    Attributes
+    ----------
+    cell : int64, shape (n_faces,)
+        Cell of the mesh.
+    side : int64, shape (n_faces,)
+        Which of its `FACES`.
+    areas : float64, shape (n_faces, 8, 3)
+        Each face's share in the area vectors of its cell's eight points.
+    """
+
+    cell: np.ndarray
+    side: np.ndarray
+    areas: np.ndarray
+
+
+def find_boundary(mesh: HexMesh, nodes: np.ndarray, body: np.ndarray) -> Boundary:
+    """Faces of the cells of bodies that no other cell of the same body shares.
+
+    Parameters
+    ----------
+    nodes : float64, shape (n_nodes, 3)
+        Positions, in any unit.
+    body : int, shape (n_cells,)
+        Number of each cell's body, -1 for cells of none.
+
+    Raises
+    ------
+    SceneError
+        As `match_faces`.
+    """
+    cell, side = outer_faces(match_faces(mesh, body >= 0), body)
+    return Boundary(cell, side, _face_areas(nodes, mesh.cells[cell], side))
+
+
+def _face_areas(nodes: np.ndarray, cells: np.ndarray, side: np.ndarray) -> np.ndarray:
+    """``int L_g n dA`` of the eight points of each cell over one of its faces, shape (n_faces, 8, 3)."""
+    corners = nodes[cells[np.arange(len(cells))[:, None], FACES[side]]]
+    areas = np.zeros((len(cells), 8, 3))
+    for r, s in _FACE_POINTS:
+        along_r, along_s = np.zeros((len(cells), 3)), np.zeros((len(cells), 3))
+        place = np.zeros((6, 3))
+        for a, (ra, sa) in enumerate(_FACE_CORNERS):
+            # differences to corner 0: faces of the same shape at different places agree up to rounding
+            offset = corners[:, a] - corners[:, 0]
+            along_r += ra * (1 + sa * s) / 4 * offset
+            along_s += sa * (1 + ra * r) / 4 * offset
+            place += (1 + ra * r) * (1 + sa * s) / 4 * REFERENCE_NODES[FACES[:, a]]
+        normal = np.cross(along_r, along_s)
+        share = np.prod((1.0 + 3.0 * place[:, None, :] * GAUSS_POINTS) / 2.0, axis=2)  # (sides, 8 points)
+        areas += share[side][:, :, None] * normal[:, None, :]
+    return areas
+
+
+def area_vectors(boundary: Boundary, n_cells: int) -> np.ndarray:
+    """``N(i)`` of the points of all cells, shape (n_cells, 8, 3): sums over their faces, in the order of the faces."""
+    total = np.zeros((n_cells, 8, 3))
+    for side in range(6):
+        chosen = boundary.side == side  # a cell has each side once
+        total[boundary.cell[chosen]] += boundary.areas[chosen]
+    return total
+
+
+def face_shares(mesh: HexMesh, nodes: np.ndarray, cells: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """``int L_i dA`` of the points of some cells over one face of each, given by its nodes (n, 4); shape (n, 8)."""
+    sides = np.sort(mesh.cells[cells][:, FACES], axis=2) == np.sort(faces, axis=1)[:, None, :]
+    areas = _face_areas(nodes, mesh.cells[cells], np.argmax(sides.all(axis=2), axis=1))
+    whole = areas.sum(axis=1)
+    size = np.sqrt((whole**2).sum(axis=1))
+    return (areas * (whole / size[:, None])[:, None, :]).sum(axis=2)
+
+
+def restore_compatibility(x: np.ndarray, areas: np.ndarray, changeable: np.ndarray) -> tuple[np.ndarray, float]:
+    """Change area vectors as little as possible, so that they do no work on the fifty traces, and stay closed.
+
+    Closed means that ``sum N`` and ``sum N_c x_d - V delta_cd`` keep their values.
+
+    Parameters
+    ----------
+    x : float64, shape (n, 3), dimension length
+        Points with an area vector.
+    areas : float64, shape (n, 3)
+    changeable : bool, shape (n,)
+
+    Returns
+    -------
+    areas : float64, shape (n, 3)
+    change : float
+        Root of the sum of the squares of the change, relative to that of the area vectors.
+    """
+    centre = 0.5 * (x.min(axis=0) + x.max(axis=0))
+    scaled = (x - centre) / (0.5 * (x.max(axis=0) - x.min(axis=0)).max())
+    works, sizes = np.zeros(N_TRACES), np.zeros(N_TRACES)
+    for k in range(0, len(x), BATCH):
+        rows = _conditions(scaled[k : k + BATCH])[:N_TRACES]
+        works += _work(rows, areas[k : k + BATCH])
+        sizes += _work(np.abs(rows), np.abs(areas[k : k + BATCH]))
+    if (np.abs(works) <= COMPATIBLE * sizes.max()).all():
+        return areas, 0.0
+    of_changeable = scaled[changeable]
+    gram = sum(_gram(of_changeable[k : k + BATCH]) for k in range(0, len(of_changeable), BATCH))
+    size = 1.0 / np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    values, vectors = np.linalg.eigh(size[:, None] * gram * size)
+    usable = values > INDEPENDENT * values[-1]
+    inverse = size[:, None] * (vectors[:, usable] / values[usable]) @ vectors[:, usable].T * size
+    change = np.zeros_like(areas)
+    for _ in range(TURNS):
+        defect = np.zeros(len(gram))
+        for k in range(0, len(x), BATCH):
+            rows, part = _conditions(scaled[k : k + BATCH]), slice(k, k + BATCH)
+            defect[:N_TRACES] += _work(rows[:N_TRACES], areas[part] + change[part])
+            defect[N_TRACES:] += _work(rows[N_TRACES:], change[part])
+        amounts = -inverse @ defect
+        correction = np.zeros_like(of_changeable)
+        for k in range(0, len(correction), BATCH):
+            correction[k : k + BATCH] = np.tensordot(amounts, _conditions(of_changeable[k : k + BATCH]), axes=1)
+        change[changeable] += correction
+    return areas + change, float(np.sqrt((change**2).sum() / (areas**2).sum()))
+
+
+#: Rigid motions taken three at a time, with repetitions.
+N_TRACES = 56
+
+
+def _conditions(x: np.ndarray) -> np.ndarray:
+    """Traces of the Killing tensors, translations and linear displacements at some positions, shape (68, n, 3).
+
+    The 56 products of three rigid motions span the 50 Killing tensors of rank 3, six of them twice.
+    """
+    motions = rigid_motions(x)
+    dots = (motions[:, None] * motions[None]).sum(axis=3)
+    rows = np.empty((N_TRACES + 12, len(x), 3))
+    for k, (p, q, r) in enumerate(combinations_with_replacement(range(6), 3)):
+        rows[k] = dots[p, q][:, None] * motions[r] + dots[p, r][:, None] * motions[q] + dots[q, r][:, None] * motions[p]
+    rows[N_TRACES : N_TRACES + 3] = motions[:3]
+    for k in range(9):
+        rows[N_TRACES + 3 + k] = x[:, [k // 3]] * motions[k % 3]
+    return rows
+
+
+def _work(rows: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    return np.tensordot(rows, vectors, axes=2)
+
+
+def _gram(x: np.ndarray) -> np.ndarray:
+    rows = _conditions(x)
+    return np.tensordot(rows, rows, axes=((1, 2), (1, 2)))

@@ -1,0 +1,207 @@
+"""Coarse level of the fit of bond factors: the operator's local limit on a background grid of triquadratic elements.
+
+For multipliers that vary slowly, ``(v_i - v_j) . t`` is a derivative along the bond, and the sum over a point's bonds
+tends to an integral over directions: the energy ``1/2 w_i grad v : M : grad v`` with ``M_(da)(eb) = S <n_d n_e t_a(n)
+t_b(n)>``, the mean over the unit sphere, ``S = 2 pi c int_0^rc exp(-r^2) r^3 dr``. Moments and functions are those of
+`background_grid`, factors those of `dissection`.
+
+The energy's free motions are polynomials of up to the third degree. Functions of the second follow them where a thin
+body bends; trilinear ones lock, and take the more iterations the wider it is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.kernels.bond_factors import (
+    MONOMIALS,
+    MULTIPLICITY,
+    N,
+    interpolate_moments,
+    restrict_moments,
+)
+from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.mesh.background_grid import add_moments, cell_nodes, moment_table
+from pdfem_mpi.parallel.comm import sum_integers
+from pdfem_mpi.peridynamics.bonds import RESPONSE_CONSTANT
+from pdfem_mpi.peridynamics.fit.dissection import BlockMatrix, Factor, count_entries, dissect, factorise
+from pdfem_mpi.peridynamics.fit.killing import free_motions
+
+#: Length of an element in cell edges.
+COARSENING = 4.0
+#: Most entries of the factors, 4 bytes each on every rank; and by how much the elements grow at a time where they would
+#: be more.
+MOST_ENTRIES, STEP = 3e7, 1.1
+#: Moments are rounded to this fraction of a cell of unit volume.
+MOMENT_QUANTUM = 2.0**-40
+#: Added to the diagonal, relative: the operator has fifty free motions.
+PIN = 1e-6
+
+
+@dataclass(frozen=True)
+class FactorGrid:
+    """The level as seen from the points of one rank; the same factors on every rank.
+
+    Attributes
+    ----------
+    n_points : int
+    x : float64
+        Positions in cluster layout.
+    lower, inverse_h : float64, shape (3,)
+    counts : int64, shape (3,)
+        Elements along the axes.
+    number : int64, shape (n_grid_nodes,)
+        Numbers of the nodes that touch the body, -1 for others.
+    factor : Factor
+    free : float64, shape (n_unknowns, at most 50)
+        Orthonormal free motions. They are kept out of the solve: round-off along them would be amplified by the
+        inverse of ``PIN``.
+    """
+
+    n_points: int
+    x: np.ndarray
+    lower: np.ndarray
+    inverse_h: np.ndarray
+    counts: np.ndarray
+    number: np.ndarray
+    factor: Factor
+    free: np.ndarray
+
+    @property
+    def arrays(self):
+        """What the kernels take."""
+        return self.n_points, self.x, self.lower, self.inverse_h, self.counts, self.number
+
+    def add_correction(self, comm, r: np.ndarray, quantum: float, stiffness: float, z: np.ndarray) -> None:
+        """``z += T (stiffness C)^-1 T^t r`` for the owned points, vectors of shape (n_clusters, 10, 4). Collective."""
+        sums = np.zeros((len(self.free) // N, N), np.int64)
+        restrict_moments(*self.arrays, r.reshape(-1), quantum, sums)
+        right = self._held((sum_integers(comm, sums) * quantum).reshape(-1))
+        correction = self._held(self.factor.solve(right)) / stiffness
+        interpolate_moments(*self.arrays, correction.reshape(-1, N), z.reshape(-1))
+
+    def _held(self, x: np.ndarray) -> np.ndarray:
+        return x - self.free @ (self.free.T @ x)
+
+
+def tensor(cutoff: float) -> np.ndarray:
+    """``M_(da)(eb)`` as an array (3, 3, 10, 10): d, e, a, b."""
+    strength = math.pi * RESPONSE_CONSTANT * _third_moment(0.0, cutoff**2)
+    axes = np.eye(3, dtype=np.int64)
+    pairs = MONOMIALS[:, None] + MONOMIALS[None]
+    powers = axes[:, None, None, None] + axes[None, :, None, None] + pairs[None, None]
+    odd_factorial = np.array([1.0, 0.0, 1.0, 0.0, 3.0, 0.0, 15.0, 0.0, 105.0])  # (k - 1)!!, the mean of an even power
+    mean = np.prod(odd_factorial[powers], axis=-1) / 945.0
+    return strength * np.sqrt(np.outer(MULTIPLICITY, MULTIPLICITY)) * mean
+
+
+def share_of_long_bonds(nearest: float, cutoff: float) -> float:
+    """What the bonds longer than ``sqrt(nearest)`` have of the tensor's size."""
+    return _third_moment(nearest, cutoff**2) / _third_moment(0.0, cutoff**2)
+
+
+def _third_moment(a: float, b: float) -> float:
+    """``2 int r^3 exp(-r^2) dr`` from ``sqrt(a)`` to ``sqrt(b)``."""
+    return (1.0 + a) * math.exp(-a) - (1.0 + b) * math.exp(-b)
+
+
+def make_factor_grid(
+    comm,
+    x: np.ndarray,
+    volume: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    edge: float,
+    cutoff: float,
+    slack: np.ndarray,
+    omega: float,
+    most_entries: float = MOST_ENTRIES,
+) -> FactorGrid:
+    """Set up the grid over the owned points of a body on all ranks, of Young's modulus 1. Collective.
+
+    Parameters
+    ----------
+    x : float64, shape (n * 3,)
+        Positions in cluster layout.
+    volume : float64, shape (n,)
+        Integration weights.
+    lower, upper : float64, shape (3,)
+        Corners of a box around all points.
+    edge : float
+        Typical edge of a cell.
+    cutoff : float
+    slack : bool, shape (n,)
+        Points whose diagonal is raised by ``omega``.
+    most_entries : float
+        Of the factors.
+    """
+    n = len(volume)
+    counts = grid_counts(upper - lower, edge, most_entries)
+    inverse_h = counts / (upper - lower)
+    if not sum_integers(comm, np.array([np.count_nonzero(slack)]))[0]:
+        omega = 0.0
+
+    scaled = (x.reshape(-1, 3, W).swapaxes(1, 2).reshape(-1, 3) - lower) * inverse_h
+    index = np.clip(np.floor(scaled).astype(np.int64), 0, counts - 1)
+    where = (index[:, 0] * counts[1] + index[:, 1]) * counts[2] + index[:, 2]
+    moments = np.zeros((int(np.prod(counts)), 2, 125), np.int64)
+    quantum = np.full(len(moments), MOMENT_QUANTUM)
+    add_moments(moments[:, 0], where, scaled - index, volume, quantum)
+    if omega:
+        add_moments(moments[:, 1], where[slack], (scaled - index)[slack], np.ones(np.count_nonzero(slack)), quantum)
+    moments = sum_integers(comm, moments) * MOMENT_QUANTUM
+
+    active = moments[:, 0, 0] > 0.0
+    cells = cell_nodes(counts, 2)[active]
+    number = np.full(int(np.prod(2 * counts + 1)), -1)
+    used = np.unique(cells)
+    number[used] = np.arange(len(used))
+    n_nodes = len(used)
+    keys = (n_nodes * number[cells][:, :, None] + number[cells][:, None, :]).reshape(-1)
+    keys, entry = np.unique(keys, return_inverse=True)
+
+    def assembled(derivatives, weights):
+        products = weights[active] @ moment_table(derivatives, 2).reshape(125, 27**2)
+        return np.bincount(entry, products.reshape(-1), len(keys))
+
+    axes = [(d, e) for d in range(3) for e in range(3)]
+    values = [inverse_h[d] * inverse_h[e] * assembled((d, e), moments[:, 0]) for d, e in axes]
+    tables = tensor(cutoff).reshape(9, N, N)
+    if omega:
+        values.append(omega * assembled((None, None), moments[:, 1]))
+        tables = np.concatenate([tables, np.eye(N)[None]])
+    values = np.stack(values, axis=1)
+    of_diagonal = np.flatnonzero(keys // n_nodes == keys % n_nodes)
+    diagonal = (values[of_diagonal] @ tables.diagonal(axis1=1, axis2=2)).reshape(-1)
+    matrix = BlockMatrix(
+        start=np.searchsorted(keys, n_nodes * np.arange(n_nodes + 1)),
+        column=keys % n_nodes,
+        values=values,
+        tables=tables,
+        raised=PIN * np.maximum(diagonal, diagonal.mean()),
+    )
+    index = np.stack(np.unravel_index(used, 2 * counts + 1), axis=1)
+    return FactorGrid(
+        n_points=n,
+        x=x,
+        lower=lower,
+        inverse_h=inverse_h,
+        counts=counts,
+        number=number,
+        factor=factorise(matrix, dissect(counts, number)),
+        # a slack holds them all
+        free=np.zeros((N * n_nodes, 0)) if omega else free_motions(index * (0.5 / inverse_h)),
+    )
+
+
+def grid_counts(extent: np.ndarray, edge: float, most_entries: float = MOST_ENTRIES) -> np.ndarray:
+    """Elements along the axes: about `COARSENING` edges long, or longer where the factors have too many entries."""
+    length = COARSENING * edge
+    while True:
+        counts = np.maximum(1, np.rint(extent / length)).astype(np.int64)
+        if count_entries(counts, N) <= most_entries or (counts == 1).all():
+            return counts
+        length *= STEP

@@ -1,0 +1,1 @@
+"""One run: from a scene to a run folder, and back from a checkpoint."""

@@ -1,0 +1,89 @@
+"""What makes a run the same run: the keys of its scene and its mesh, and which of them may change on the way."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.deck.scene import Scene, show
+
+#: Keys that say nothing about the states a run goes through. A name stands for its table's keys too.
+FREE = ("title", "units", "probes", "output", "checkpoint")
+#: Keys that may change from a checkpoint on; the log says so, since results are then not those of one deck.
+TOLD = (
+    "solver.tolerance", "solver.max_evaluations", "stepping.end_load_factor", "stepping.end_reaction",
+    "stepping.report_every",
+)  # fmt: skip
+#: Where the load goes: what was done already must stay.
+LOAD_FACTORS = "stepping.load_factors"
+#: Stands for the mesh itself among the keys.
+MESH = "mesh, its nodes and cells"
+
+
+def identity(scene: Scene, discretization: Discretization) -> dict[str, Any]:
+    """Every key of the scene by its dotted path, as JSON knows it, and a digest of the mesh and its regions."""
+    keys: dict[str, Any] = {}
+    _flatten(json.loads(scene.model_dump_json()), "", keys)
+    total = hashlib.sha256()
+    for array in (discretization.nodes, discretization.mesh.cells, discretization.region):
+        total.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
+    keys[MESH] = total.hexdigest()
+    return keys
+
+
+def sha256(keys: Mapping[str, Any]) -> str:
+    """Digest of the keys that define the scene: equal for runs that may continue each other."""
+    defining = {key: value for key, value in keys.items() if not _is(key, FREE + TOLD + (LOAD_FACTORS,))}
+    return hashlib.sha256(json.dumps(defining, sort_keys=True).encode()).hexdigest()
+
+
+def differences(then: Mapping[str, Any], now: Mapping[str, Any], steps_done: int) -> tuple[list[str], list[str]]:
+    """Compare the keys of a checkpoint with those of a deck.
+
+    Parameters
+    ----------
+    then, now : dict
+        From `identity`.
+    steps_done : int
+        Load factors reached already.
+
+    Returns
+    -------
+    refused : list of str
+        What makes it another run: key and both values.
+    told : list of str
+        Changes that may be made.
+    """
+    refused, told = [], []
+    for key in dict.fromkeys((*then, *now)):
+        a, b = then.get(key), now.get(key)
+        if a == b or _is(key, FREE):
+            continue
+        values = "differs" if key == MESH else f"was {_show(then, key)}, the deck has {_show(now, key)}"
+        if _is(key, TOLD) or (key == LOAD_FACTORS and a and b and a[:steps_done] == b[:steps_done]):
+            told.append(f"{key} {values}")
+        else:
+            refused.append(f"{key} {values}")
+    return refused, told
+
+
+def _flatten(value: Any, path: str, keys: dict[str, Any]) -> None:
+    """Tables and lists of tables into dotted paths; lists of numbers stay whole."""
+    tables = isinstance(value, list) and value and all(isinstance(item, dict) for item in value)
+    if isinstance(value, dict) or tables:
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        for name, item in items:
+            _flatten(item, f"{path}.{name}" if path else f"{name}", keys)
+    else:
+        keys[path] = value
+
+
+def _is(key: str, names: tuple[str, ...]) -> bool:
+    return any(key == name or key.startswith(f"{name}.") for name in names)
+
+
+def _show(keys: Mapping[str, Any], key: str) -> str:
+    return show(keys[key]) if key in keys and keys[key] is not None else "nothing"

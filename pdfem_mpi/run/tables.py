@@ -1,0 +1,161 @@
+"""The unknowns as tables in global order: from the ranks to a checkpoint, and back to any number of ranks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.model.model import Model, cluster_layout, point_rows
+from pdfem_mpi.model.state import State
+from pdfem_mpi.parallel.comm import broadcast, gather_pairs, gather_slabs, scatter_slabs, sum_integers
+from pdfem_mpi.system import faults
+
+if TYPE_CHECKING:
+    from pdfem_mpi.results.checkpoint import Reader, Writer
+
+BROKEN = "broken"
+#: Pairs that rank 0 reads at a time.
+PAIRS = 1 << 18
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which rows of the tables are this rank's.
+
+    Attributes
+    ----------
+    n_cells, n_nodes : int
+        Cells with free points, and nodes with unknowns, of the whole body.
+    n_points : int
+        Points of the whole body, the overlap's included: the lower ids of bonds are below it.
+    cells, nodes : int64
+        Global numbers of this rank's, in the order of its unknowns.
+    """
+
+    n_cells: int
+    n_nodes: int
+    n_points: int
+    cells: np.ndarray
+    nodes: np.ndarray
+
+    def tables(self, n_broken: int, wide: bool, fields: Iterable[str]) -> dict[str, tuple[int, int, np.dtype]]:
+        """Names, rows, columns and types of all tables of a file; ``wide``: ids of broken bonds need 64 bits."""
+        double = np.dtype("<f8")
+        names = tuple(fields)
+        tables = {f"points/{name}": (8 * self.n_cells, 3, double) for name in names}
+        tables |= {f"nodes/{name}": (self.n_nodes, 3, double) for name in names}
+        return tables | {BROKEN: (n_broken, 2, np.dtype("<u8" if wide else "<u4"))}
+
+
+def make_layout(discretization: Discretization, model: Model) -> Layout:
+    """Number the cells with free points in the order of the mesh, and find this rank's rows."""
+    free = discretization.has_points & ~discretization.is_overlap
+    number = np.cumsum(free) - 1
+    return Layout(
+        n_cells=int(np.count_nonzero(free)),
+        n_nodes=discretization.n_nodes,
+        n_points=8 * discretization.n_point_cells,
+        cells=number[model.subdomain.free] if model.points else np.empty(0, np.int64),
+        nodes=model.nodes.number[: model.nodes.n_owned] if model.nodes else np.empty(0, np.int64),
+    )
+
+
+def write_tables(
+    model: Model,
+    layout: Layout,
+    fields: dict[str, np.ndarray],
+    broken: np.ndarray,
+    writer: Writer | None,
+) -> None:
+    """Gather the unknowns and broken bonds a slab at a time, and write them. Collective.
+
+    Parameters
+    ----------
+    fields : dict of float64 arrays, shape (n_unknowns,)
+        Those of the state.
+    broken : int64, shape (n, 2)
+        Global ids ``i < j`` of the broken bonds that this rank computes, each bond on one rank.
+    writer : Writer or None
+        Rank 0's, which keeps its errors to itself.
+    """
+    n = model.n_point_unknowns
+    for k, (name, values) in enumerate(fields.items()):
+        points = point_rows(values[:n]).reshape(-1, 8, 3)
+        for first, slab in gather_slabs(model.comm, layout.cells, points, layout.n_cells):
+            if writer:
+                writer.write_rows(f"points/{name}", 8 * first, slab.reshape(-1, 3))
+        if k == len(fields) // 2:
+            faults.begin("write")
+        for first, slab in gather_slabs(model.comm, layout.nodes, values[n:].reshape(-1, 3), layout.n_nodes):
+            if writer:
+                writer.write_rows(f"nodes/{name}", first, slab)
+    done = 0
+    for pairs in gather_pairs(model.comm, broken, layout.n_points):
+        if writer:
+            writer.write_rows(BROKEN, done, pairs)
+            done += len(pairs)
+
+
+def total_broken(model: Model, broken: np.ndarray) -> tuple[int, bool]:
+    """Number of broken bonds on all ranks, and whether an id of theirs needs 64 bits. Collective."""
+    wide = bool((broken >= 2**32).any())
+    total, wides = sum_integers(model.comm, np.array([len(broken), wide]))
+    return int(total), bool(wides)
+
+
+def read_fields(model: Model, layout: Layout, state: State, reader: Reader | None) -> None:
+    """Fill the fields that the state has, wherever their rows were when they were written. Collective.
+
+    Raises
+    ------
+    OSError
+        On all ranks.
+    """
+    n = model.n_point_unknowns
+    for name, values in state.fields.items():
+
+        def points(first, last, name=f"points/{name}"):
+            return reader.read_rows(name, 8 * first, 8 * last).reshape(-1, 8, 3)
+
+        def nodes(first, last, name=f"nodes/{name}"):
+            return reader.read_rows(name, first, last)
+
+        rows = scatter_slabs(model.comm, layout.cells, layout.n_cells, points, np.empty((0, 8, 3)))
+        values[:n] = cluster_layout(rows)
+        values[n:] = scatter_slabs(model.comm, layout.nodes, layout.n_nodes, nodes, np.empty((0, 3))).reshape(-1)
+
+
+def read_broken(model: Model, reader: Reader | None) -> np.ndarray:
+    """Broken bonds with an end in a cell of this rank, int64, shape (n, 2); one may be on two ranks. Collective.
+
+    Raises
+    ------
+    OSError
+        On all ranks.
+    """
+    comm = model.comm
+    total = broadcast(comm, reader.rows(BROKEN) if reader else 0)
+    if not total or not model.points:
+        return np.empty((0, 2), np.int64)
+    owned = np.sort(model.points.cell_number[: model.points.n_owned])
+
+    def ours(ids):
+        return np.isin(ids // 8, owned)
+
+    found = []
+    for first in range(0, total, PAIRS):
+        pairs, message = np.empty((min(PAIRS, total - first), 2), np.int64), None
+        if reader:
+            try:
+                pairs[:] = reader.read_rows(BROKEN, first, first + len(pairs))
+            except (OSError, RuntimeError) as error:
+                message = str(error)
+        if message := broadcast(comm, message):
+            raise OSError(message)
+        comm.Bcast(pairs)
+        found.append(pairs[ours(pairs[:, 0]) | ours(pairs[:, 1])])
+    return np.concatenate(found)

@@ -1,0 +1,85 @@
+"""The scene's solver for equilibrium at a constant load."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.scene import Solver as Settings
+from pdfem_mpi.model.forces import Forces
+from pdfem_mpi.model.loads import LoadCase
+from pdfem_mpi.model.state import State
+from pdfem_mpi.parallel.stop_requests import NEVER, Never, Pauses
+from pdfem_mpi.peridynamics.failure import Broken
+from pdfem_mpi.solvers import adr, cg
+from pdfem_mpi.solvers.convergence import Breakdown, Convergence, Progress
+from pdfem_mpi.solvers.preconditioner.preconditioner import Preconditioner, make_preconditioner
+
+
+@dataclass(frozen=True)
+class EquilibriumSolver:
+    """Brings a state to equilibrium: ``solve(state, external, watch) -> Convergence``; made by `make_solver`.
+
+    Where conjugate gradients break down, relaxation goes on from there, and ``note`` is told.
+
+    Attributes
+    ----------
+    forces : Forces
+    case : LoadCase
+    settings : Settings
+    preconditioner : Preconditioner or None
+        Of conjugate gradients.
+    note : callable
+    pauses : Pauses
+        Asked between iterations of relaxation, and by the load programs.
+    """
+
+    forces: Forces
+    case: LoadCase
+    settings: Settings
+    preconditioner: Preconditioner | None
+    note: Callable[[str], None]
+    pauses: Pauses | Never = NEVER
+
+    def __call__(
+        self, state: State, external: np.ndarray, watch: Callable[[Progress], None] = lambda progress: None
+    ) -> Convergence:
+        """Find the equilibrium under constant loads; a relaxation that was stopped goes on. Collective."""
+        settings, program = self.settings, state.program
+        common = (self.forces, state, external, self.case.fixed, settings.tolerance, settings.max_evaluations)
+        if self.preconditioner and not program.get("relaxing"):
+            try:
+                return cg.solve(*common, self.preconditioner, watch)
+            except Breakdown as error:
+                self.note(f"conjugate gradients broke down: {error} Going on with adaptive dynamic relaxation.")
+        if not program.get("relaxing"):
+            state.iteration = state.spent = 0
+            state.v[:] = 0.0
+            program["relaxing"] = 1
+        convergence = adr.solve(*common, watch, self.pauses)
+        program["relaxing"] = 0
+        return convergence
+
+    def soften(self, broken: Broken) -> None:
+        """Learn which bonds broke. Collective."""
+        if self.preconditioner:
+            self.preconditioner.soften(broken)
+
+
+def make_solver(
+    scene: Scene,
+    discretization: Discretization,
+    forces: Forces,
+    case: LoadCase,
+    note: Callable[[str], None],
+    pauses: Pauses | Never = NEVER,
+) -> EquilibriumSolver:
+    """The scene's solver, set up. Collective."""
+    preconditioner = None
+    if scene.solver.kind == "cg":
+        preconditioner = make_preconditioner(discretization, forces.model, case, forces.bounds)
+    return EquilibriumSolver(forces, case, scene.solver, preconditioner, note, pauses)

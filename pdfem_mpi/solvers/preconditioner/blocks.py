@@ -1,0 +1,134 @@
+"""The 3x3 diagonal blocks of the stiffness: of points, from their surviving bonds, and of nodes.
+
+A block is stored as its six entries xx, yy, zz, xy, yz, zx.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.kernels.failure import add_broken_blocks
+from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
+from pdfem_mpi.kernels.preconditioner import add_point_blocks
+from pdfem_mpi.model.model import Model, assemble
+from pdfem_mpi.parallel.comm import largest
+from pdfem_mpi.peridynamics.bonds import start_sums, sums_table
+from pdfem_mpi.peridynamics.failure import Broken
+from pdfem_mpi.peridynamics.images import MAGNITUDES, MIXED_PRODUCTS, halo_for
+
+#: Directions of a block softer than this fraction of the stiffest block of all, each over its material's modulus, are
+#: held still.
+SOFTEST = 1e-7
+
+_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
+
+
+@dataclass
+class PointBlocks:
+    """Blocks of the owned points, overlap included, as exact integer sums over their surviving bonds.
+
+    Attributes
+    ----------
+    sums : int64, shape (n_owned_clusters, 6, 4)
+        By cluster, entry and lane, in quanta.
+    quantum, pattern : float
+    """
+
+    sums: np.ndarray
+    quantum: float
+    pattern: float
+
+    def values(self, points: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Blocks of the chosen points, shape (n, 6), dimension force / length."""
+        return self.sums.swapaxes(1, 2).reshape(-1, 6)[points] * self.quantum
+
+    def take_out(self, model: Model, broken: Broken) -> np.ndarray:
+        """Subtract the stiffness of broken bonds; the owned points that lost some, int64. Collective."""
+        lost = np.zeros((model.points.n_clusters, 6, 4), np.int64)
+        add_broken_blocks(
+            broken.pairs, broken.strengths, model.points.x, model.bonds.finite, self.pattern, lost.reshape(-1)
+        )
+        halo_for(model.points.halo, MAGNITUDES + MIXED_PRODUCTS).scatter_reverse(lost.reshape(-1, 2, 6, 4))
+        lost = lost[: len(self.sums)]
+        self.sums -= lost
+        return np.flatnonzero(lost.any(axis=1).reshape(-1))
+
+
+def point_blocks(model: Model) -> PointBlocks:
+    """Sum up the blocks of the owned points. Collective."""
+    points, bonds = model.points, model.bonds
+    T, integers = sums_table(points)
+    halves = []
+    for mixed in (False, True):
+        quantum, pattern = start_sums(T, bonds.added + bonds.taken, 2.0 * bonds.stiffest)
+        for rows in bonds.rows:
+            add_point_blocks(*rows.arrays, T.reshape(-1), integers, pattern, bonds.finite, mixed)
+        halo = halo_for(points.halo, MIXED_PRODUCTS if mixed else MAGNITUDES)
+        halo.scatter_reverse(integers.reshape(-1, 2, 9, 4)[:, :, 6:9])
+        halves.append(integers.reshape(-1, 9, 4)[: 2 * points.n_owned, 6:9].copy())
+    return PointBlocks(np.concatenate(halves, axis=1), quantum, pattern)
+
+
+def node_blocks(model: Model, of_points: np.ndarray | None) -> np.ndarray:
+    """Blocks of the owned nodes, shape (n_owned, 6), dimension force / length. Collective.
+
+    Parameters
+    ----------
+    of_points : float64, shape (n_owned * 8, 6) or None
+        Blocks of the points, for the overlap's share ``sum_p N_I(x_p)^2 B_p``.
+    """
+
+    def pick(stiffness):
+        k = stiffness.reshape(-1, 8, 3, 8, 3)
+        return np.stack([np.stack([k[:, a, i, a, j] for i, j in _ENTRIES], axis=1) for a in range(8)], axis=1)
+
+    contributions = list(model.elements.per_node(pick)) if model.elements else []
+    if model.overlap:
+        block = of_points[8 * model.points.n_free :].reshape(-1, 8, 6)
+        lumped = np.zeros((len(block), 8, 6))
+        for p in range(8):
+            lumped += SHAPE_AT_GAUSS[p][:, None] ** 2 * block[:, p, None, :]
+        contributions.append((model.overlap.connectivity, lumped))
+    return assemble(model.comm, model.nodes, contributions, 6)
+
+
+def softest(comm, blocks: np.ndarray, modulus: np.ndarray) -> np.ndarray:
+    """Stiffness below which a direction of each block counts as without any. Collective.
+
+    Parameters
+    ----------
+    blocks : float64, shape (n, 6)
+    modulus : float64, shape (n,)
+        Young's modulus of the material around: a block is measured by the stiffest of all, each over its modulus.
+
+    Returns
+    -------
+    float64, shape (n,)
+    """
+    return SOFTEST * modulus * float(largest(comm, np.array([(blocks[:, :3] / modulus[:, None]).max(initial=0.0)]))[0])
+
+
+def inverted(blocks: np.ndarray, fixed: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Inverse blocks by eigenvalues; directions without stiffness, and fixed ones, are held still.
+
+    Parameters
+    ----------
+    blocks : float64, shape (n, 6)
+    fixed : bool, shape (n, 3)
+        Components that do not move.
+    limit : float64, shape (n,)
+        From `softest`.
+
+    Returns
+    -------
+    float64, shape (n, 6)
+    """
+    matrix = blocks[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3).copy()
+    matrix[fixed[:, :, None] | fixed[:, None, :]] = 0.0
+    values, vectors = np.linalg.eigh(matrix)
+    limit = limit[:, None]
+    inverse = np.where(values > limit, 1.0 / np.maximum(values, np.maximum(limit, 1e-300)), 0.0)
+    full = np.zeros_like(matrix)
+    for d in range(3):
+        full += inverse[:, d, None, None] * vectors[:, :, d, None] * vectors[:, None, :, d]
+    return np.ascontiguousarray(full.reshape(-1, 9)[:, [0, 4, 8, 1, 5, 6]])

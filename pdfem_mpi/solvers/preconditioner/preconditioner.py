@@ -1,0 +1,189 @@
+"""Preconditioner of conjugate gradients: ``P r = T V T^t r + omega B^-1 r``.
+
+``T`` interpolates trilinearly from the nodes of each cell to its points and is the identity on the scene's own nodes;
+``V`` is one symmetric cycle for the finite-element model of the intact body on the same cells, the local limit of
+the bonds: block smoothing, a correction on a background grid (`grid`), block smoothing. ``B`` are the 3x3 blocks
+of the surviving bonds and of the elements (`blocks`). Only ``B`` changes when bonds break.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.kernels.preconditioner import add_block_products, interpolate_to_points, restrict_points
+from pdfem_mpi.model.forces import Bounds, Forces
+from pdfem_mpi.model.loads import LoadCase
+from pdfem_mpi.model.model import Model, build_intact_elements, local_nodes, point_rows
+from pdfem_mpi.parallel.comm import largest
+from pdfem_mpi.peridynamics.bonds import pattern_for
+from pdfem_mpi.peridynamics.failure import Broken
+from pdfem_mpi.solvers.preconditioner.blocks import PointBlocks, inverted, node_blocks, point_blocks, softest
+from pdfem_mpi.solvers.preconditioner.coarse_grid import Grid, make_grid
+from pdfem_mpi.solvers.preconditioner.smoothing import damping
+
+#: Weight of the blocks beside the cycle.
+OMEGA = 0.8
+#: Fixed components are held on the grid by springs this much stiffer than the stiffest node.
+SPRING = 10.0
+
+
+@dataclass
+class Preconditioner:
+    """One rank's part of the preconditioner; made by `make_preconditioner`.
+
+    Attributes
+    ----------
+    model : Model
+    of_points : PointBlocks or None
+        What the inverse blocks of points are made from.
+    fixed_points : bool, shape (n_free * 8, 3)
+    softest : float64, shape (n_free * 8,), dimension force / length
+        Limits of their inversion, that of the intact body.
+    blocks : float64, shape (n_triples, 6)
+        Inverse blocks of free points, then of owned nodes.
+    forces : Forces
+        Of the intact finite-element model.
+    cells : int32, shape (n_free, 8)
+        Its local nodes of the cells with free points.
+    own_nodes : int32, shape (n_owned_nodes,)
+        Its local nodes that are the scene's own.
+    fixed : bool, shape (n_cycle_unknowns,)
+    cycle_blocks : float64, shape (n_cycle_nodes, 6)
+    damping : float
+        Weight of the cycle's blocks.
+    grid : Grid
+    """
+
+    model: Model
+    of_points: PointBlocks | None
+    fixed_points: np.ndarray
+    softest: np.ndarray
+    blocks: np.ndarray
+    forces: Forces
+    cells: np.ndarray
+    own_nodes: np.ndarray
+    fixed: np.ndarray
+    cycle_blocks: np.ndarray
+    damping: float
+    grid: Grid
+
+    def apply(self, r: np.ndarray, size: float, z: np.ndarray) -> None:
+        """``z = P r``. Collective.
+
+        Parameters
+        ----------
+        r : float64, shape (n_unknowns,), dimension force
+            0 on fixed unknowns.
+        size : float, dimension force
+            A bound of ``|r_i|``, equal on all ranks.
+        z : float64, shape (n_unknowns,), dimension length
+            Overwritten; 0 on fixed unknowns.
+        """
+        n, nodes = self.model.n_point_unknowns, self.forces.model.nodes
+        quantum, _ = pattern_for(64.0 * size)
+        sums = np.zeros((len(nodes.number), 3), np.int64)
+        restrict_points(self.cells, r[:n], quantum, sums)
+        sums[self.own_nodes] += np.rint(r[n:].reshape(-1, 3) / quantum).astype(np.int64)
+        nodes.halo.scatter_reverse(sums)
+        right = (sums[: nodes.n_owned] * quantum).reshape(-1)
+        right[self.fixed] = 0.0
+        correction = np.zeros((len(nodes.number), 3))
+        correction[: nodes.n_owned] = self._cycle(right, quantum).reshape(-1, 3)
+        nodes.halo.scatter_forward(correction)
+        interpolate_to_points(self.cells, correction, z[:n])
+        z[n:] = correction[self.own_nodes].reshape(-1)
+        add_block_products(True, self.blocks[: n // 3], OMEGA, r[:n], z[:n])
+        add_block_products(False, self.blocks[n // 3 :], OMEGA, r[n:], z[n:])
+
+    def soften(self, broken: Broken) -> None:
+        """Renew the blocks of points that lost bonds; nodes of the overlap keep theirs. Collective."""
+        points = self.of_points.take_out(self.model, broken)
+        points = points[points < len(self.fixed_points)]
+        self.blocks[points] = inverted(self.of_points.values(points), self.fixed_points[points], self.softest[points])
+
+    def _cycle(self, right: np.ndarray, quantum: float) -> np.ndarray:
+        """One symmetric cycle for ``K x = right`` of the intact model, from 0."""
+        x, residual = np.zeros_like(right), np.empty_like(right)
+        add_block_products(False, self.cycle_blocks, self.damping, right, x)
+        self._residual(x, right, residual)
+        self.grid.add_correction(self.model.comm, residual, quantum, x)
+        x[self.fixed] = 0.0
+        self._residual(x, right, residual)
+        add_block_products(False, self.cycle_blocks, self.damping, residual, x)
+        return x
+
+    def _residual(self, x, right, residual):
+        self.forces.evaluate_surely(x, right, residual)
+        residual[self.fixed] = 0.0
+
+
+def make_preconditioner(
+    discretization: Discretization, model: Model, case: LoadCase, bounds: Bounds | None = None
+) -> Preconditioner:
+    """Set up all levels. Collective.
+
+    Parameters
+    ----------
+    bounds : Bounds, optional
+        Of the state, where the bounds of the cycle are kept.
+    """
+    bounds = Bounds() if bounds is None else bounds
+    intact = build_intact_elements(discretization, model)
+    local = local_nodes(discretization, intact.subdomain)
+    cells = discretization.mesh.cells
+    n = model.n_point_unknowns
+    of_points = values = None
+    blocks, around, held = [], np.empty((0, 8), np.int32), np.zeros((len(intact.nodes.number), 3), np.int64)
+    limit, modulus = np.empty(0), discretization.youngs_modulus
+    if model.points:
+        of_points = point_blocks(model)
+        values = of_points.values()
+        owned = np.concatenate([model.subdomain.free, model.subdomain.overlap])
+        limit = softest(model.comm, values, np.repeat(modulus[owned], 8))[: n // 3]
+        blocks.append(inverted(values[: n // 3], point_rows(case.fixed[:n]), limit))
+        around = np.ascontiguousarray(local[cells[model.subdomain.free]])
+        # the nodes around fixed points do not move either
+        fixed_points = point_rows(case.fixed[:n]).reshape(-1, 8, 3).any(axis=1)
+        np.add.at(held, around.reshape(-1), np.repeat(fixed_points, 8, axis=0))
+    own_nodes = np.empty(0, np.int32)
+    if model.nodes:
+        fixed_nodes = case.fixed[n:].reshape(-1, 3)
+        own = model.subdomain.owned_nodes
+        of_nodes = node_blocks(model, values)
+        stiffest = _stiffest_around(discretization, discretization.has_nodes)[own]
+        blocks.append(inverted(of_nodes, fixed_nodes, softest(model.comm, of_nodes, stiffest)))
+        own_nodes = local[own]
+        held[own_nodes] += fixed_nodes
+    intact.nodes.halo.scatter_reverse(held)
+    fixed = held[: intact.nodes.n_owned] > 0
+    fixed.reshape(-1)[intact.rollers] = True
+    of_cycle = node_blocks(intact, None)
+    stiffest = _stiffest_around(discretization, np.ones(len(cells), bool))[intact.subdomain.owned_nodes]
+    spring = SPRING * float(largest(model.comm, np.array([of_cycle[:, :3].max(initial=0.0)]))[0])
+    cycle_forces = Forces(intact, bounds.part("cycle"))
+    cycle_blocks = inverted(of_cycle, fixed, softest(model.comm, of_cycle, stiffest))
+    return Preconditioner(
+        model=model,
+        of_points=of_points,
+        fixed_points=point_rows(case.fixed[:n]),
+        softest=limit,
+        blocks=np.concatenate(blocks),
+        forces=cycle_forces,
+        cells=around,
+        own_nodes=own_nodes,
+        fixed=fixed.reshape(-1),
+        cycle_blocks=cycle_blocks,
+        damping=damping(cycle_forces, cycle_blocks, fixed.reshape(-1)),
+        grid=make_grid(intact, discretization, fixed, spring, case.free_motions),
+    )
+
+
+def _stiffest_around(discretization: Discretization, chosen: np.ndarray) -> np.ndarray:
+    """Largest Young's modulus of the chosen cells at each node of the mesh; float64, shape (n_mesh_nodes,)."""
+    around = np.zeros(len(discretization.nodes))
+    for corner in discretization.mesh.cells[chosen].T:
+        np.maximum.at(around, corner, discretization.youngs_modulus[chosen])
+    return around

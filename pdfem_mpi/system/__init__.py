@@ -1,0 +1,1 @@
+"""The computer: launcher, environment, signals, files, memory."""

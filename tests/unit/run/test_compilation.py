@@ -1,0 +1,72 @@
+"""Kernels are compiled ahead for the types of their calls, and nothing is compiled twice."""
+
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+
+import numba
+import numpy as np
+import pytest
+
+from pdfem_mpi.run import compilation as warm_up
+
+# One kernel calls the other; as in the package, a signature states what is returned.
+SOURCE = """
+from numba import njit, types
+
+@njit(cache=True)
+def halved(x):
+    return 0.5 * x[0]
+
+@njit(cache=True)
+def caller(x, n):
+    return halved(x) + n
+
+SIGNATURES = {
+    halved: types.float64(types.float64[::1]),
+    caller: types.float64(types.float64[::1], types.int64),
+}
+"""
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+
+
+def imported(path, name):
+    """The kernels of a file as another process would import them; pickled by the name of their module."""
+    spec = spec_from_file_location(name, path)
+    sys.modules[name] = module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_calls_find_in_the_cache_what_was_compiled_ahead(tmp_path, monkeypatch):
+    """By a signature with its return type, numba would keep it apart, and compile once more at the first call."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    path = tmp_path / "kernels.py"
+    path.write_text(SOURCE)
+    names = ["kernels_ahead", "kernels_called"]
+    for name in names:
+        monkeypatch.setitem(sys.modules, name, None)
+    ahead, called = (imported(path, name) for name in names)
+    monkeypatch.setattr(warm_up, "MODULES", (ahead,))
+    warm_up.compile_kernels()
+    assert called.caller(np.array([3.0]), 2) == 3.5
+    assert sum(called.caller.stats.cache_hits.values()) == 1
+    assert not called.caller.stats.cache_misses
+    with pytest.raises(TypeError):
+        ahead.caller(np.array([3.0], np.float32), 2)
+
+
+def test_kernels_return_what_their_signatures_say():
+    for kernel, signature in warm_up.kernels().items():
+        kernel.compile(tuple(signature.args))
+        found = kernel.overloads[signature.args].signature.return_type
+        assert found == signature.return_type, kernel.__name__
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_kernels_are_shared_out_file_by_file(n):
+    """Two processes that write one file of the cache would lose what the other wrote, or take it for their own."""
+    shares = warm_up.share_out(warm_up.kernels(), n)
+    assert sorted(id(kernel) for share in shares for kernel in share) == sorted(map(id, warm_up.kernels()))
+    files = [{kernel._cache._cache_file._index_path for kernel in share} for share in shares]
+    assert sum(map(len, files)) == len(set.union(*files)) and all(files)

@@ -1,0 +1,84 @@
+"""Which changes of a deck let a run go on, and which make it another run."""
+
+import pytest
+
+from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.deck.scene import Crack, LineProbe, Output, Solver, Steps, Support
+from pdfem_mpi.run.identity import FREE, LOAD_FACTORS, MESH, TOLD, differences, identity, sha256
+from verification.bodies import make_scene
+
+
+def keys_of(**tables):
+    scene = make_scene((5, 2, 2), 2, **tables)
+    return identity(scene, discretize(scene))
+
+
+SUPPORT = Support(face="x-", x=0.0)
+CRACK = Crack(polygon=((3.0, 0.0, 0.0), (3.0, 1.0, 0.0), (3.0, 1.0, 2.0)))
+KEYS = keys_of(supports=(SUPPORT,), cracks=(CRACK,), stepping=Steps(load_factors=(0.5, 1.0)))
+DEFINING = [key for key in KEYS if key != LOAD_FACTORS and not key.startswith(FREE + TOLD)]
+
+
+def another(value):
+    return 1.5 if value is None else not value if isinstance(value, bool) else value * 2 if value else "other"
+
+
+def test_the_same_scene_has_the_same_keys():
+    again = keys_of(supports=(SUPPORT,), cracks=(CRACK,), stepping=Steps(load_factors=(0.5, 1.0)))
+    assert differences(KEYS, again, 1) == ([], [])
+    assert sha256(KEYS) == sha256(again)
+
+
+@pytest.mark.parametrize("key", DEFINING)
+def test_each_defining_key_makes_another_run(key):
+    """Changed, and absent on either side; the sentence names the key and both values."""
+    changed = KEYS | {key: another(KEYS[key])}
+    refused, told = differences(KEYS, changed, 1)
+    assert (len(refused), told) == (1, []) and refused[0].startswith(key)
+    assert sha256(changed) != sha256(KEYS)
+    absent = {name: value for name, value in KEYS.items() if name != key}
+    if KEYS[key] is not None:
+        assert differences(absent, KEYS, 1)[0] and differences(KEYS, absent, 1)[0]
+
+
+def test_keys_are_told_with_both_values():
+    changed = KEYS | {"material.youngs_modulus": 2000.0}
+    assert differences(KEYS, changed, 0)[0] == ["material.youngs_modulus was 1000.0, the deck has 2000.0"]
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        {"title": "another"},
+        {"output": Output(figures=False, fields=False)},
+        {"probes": (LineProbe(kind="line", name="a", start=(0.0, 0.0, 0.0), stop=(1.0, 0.0, 0.0)),)},
+    ],
+)
+def test_output_may_change(tables):
+    assert differences(keys_of(), keys_of(**tables), 0) == ([], [])
+
+
+@pytest.mark.parametrize("key", TOLD)
+def test_tolerance_and_effort_may_change_and_are_told(key):
+    changed = keys_of() | {key: Solver().max_evaluations + 1}
+    refused, told = differences(keys_of(), changed, 0)
+    assert refused == [] and told[0].startswith(key)
+    assert sha256(changed) == sha256(keys_of())
+
+
+@pytest.mark.parametrize(
+    ("factors", "allowed"),
+    [((0.5, 1.0, 2.0), True), ((0.5, 0.7), True), ((0.5,), True), ((0.6, 1.0), False), ((0.25, 0.5, 1.0), False)],
+)
+def test_load_factors_already_reached_must_stay(factors, allowed):
+    """One of two steps is done."""
+    refused, told = differences(KEYS, KEYS | {LOAD_FACTORS: list(factors)}, 1)
+    assert (bool(told), bool(refused)) == (allowed, not allowed)
+
+
+def test_a_renumbered_mesh_is_another_mesh():
+    scene = make_scene((5, 2, 2), 2)
+    discretization = discretize(scene)
+    discretization.mesh.cells[[0, 1]] = discretization.mesh.cells[[1, 0]]
+    refused, _ = differences(keys_of(), identity(scene, discretization), 0)
+    assert refused == [f"{MESH} differs"]

@@ -1,0 +1,143 @@
+"""A scene that does not fit into memory is refused before anything is allocated; the estimate is near the truth."""
+
+import sys
+from types import SimpleNamespace
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+from helpers import ROOT, run_python
+from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.share import cut_out, partition
+from pdfem_mpi.deck.scene import FileMesh, Material, Region, Scene, SceneError, Support
+from pdfem_mpi.deck.toml import write_deck
+from pdfem_mpi.model.model import build_model
+from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.run import memory_estimate as memory
+from pdfem_mpi.run.run import check_scene, run
+from verification.bodies import Silence, make_scene
+
+NEAR = 0.2  # what the refusal promises
+SAMPLING = 0.03  # of bonds: 128 of some thousand cells, families from 150 to 530
+
+HALF_AS_LONG = ("mesh.lower=[-2.5, -0.2, -0.2]", "mesh.upper=[2.5, 0.2, 0.2]")
+
+# Set-up in a process of its own: what is resident is then the scene's.
+MEASURE = """
+import sys
+from pdfem_mpi.system import launcher as launch
+launch.prepare_environment()
+from pdfem_mpi.run import memory_estimate as memory
+from pdfem_mpi.deck.toml import read_deck
+from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.run.compilation import compile_kernels
+from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.body.share import cut_out, partition
+from verification.bodies import build
+compile_kernels()
+scene = read_deck(sys.argv[1], sys.argv[2:])
+discretization = discretize(scene)
+need = memory.check_model(scene, discretization, mpi().COMM_SELF)
+before = memory.resident()
+memory.forget_peak()
+body = build(scene)
+print(need.bytes, memory.peak_resident() - before)
+"""
+
+
+def available(n_bytes):
+    return patch("psutil.virtual_memory", lambda: SimpleNamespace(available=n_bytes))
+
+
+def never(*arguments):
+    raise AssertionError("something large was about to be allocated")
+
+
+def scene_of(cells=(12, 6, 6), **options) -> Scene:
+    return make_scene(cells, 6, **options)
+
+
+def test_a_scene_that_does_not_fit_is_refused_with_the_bytes_needed_and_available(tmp_path):
+    scene = scene_of()
+    need = memory.estimate(scene, discretize(scene), whole(scene))
+    with available(int(need.bytes) - 1), patch("pdfem_mpi.run.run.build_model", never), pytest.raises(SceneError) as no:
+        run(scene, mpi().COMM_SELF, tmp_path / "out", write_deck(scene), False, Silence())
+    (message,) = no.value.messages
+    assert message.startswith("mesh.spacing = 1 does not fit into memory: the scene with about 3.2e+05 bonds needs")
+    assert memory.show_bytes(need.bytes) in message and "available" in message
+    assert not (tmp_path / "out").exists()
+    with available(int(need.bytes) - 1), pytest.raises(SceneError, match="does not fit"):
+        check_scene(scene, mpi().COMM_SELF)
+    with available(int(need.bytes) + 1024):
+        assert "MiB" in check_scene(scene, mpi().COMM_SELF)["memory, about"]
+
+
+def test_a_mesh_that_does_not_fit_is_not_even_made():
+    scene = make_scene((4000, 4000, 4), 0)
+    with available(2**30), patch("pdfem_mpi.run.run.discretize", never), pytest.raises(SceneError) as no:
+        check_scene(scene, mpi().COMM_SELF)
+    assert "the mesh of 64,000,000 cells needs 35.2 GiB" in no.value.messages[0]
+
+
+def test_a_mesh_file_that_does_not_fit_is_named(tmp_path):
+    """Read by one rank, and refused before all have it."""
+    mesh = FileMesh(path=str(ROOT / "jobs" / "meshes" / "plate_with_hole.msh"))
+    scene = make_scene((1, 1, 1), 1, loads=(), supports=(Support(face="x-", x=0.0),), mesh=mesh)
+    with available(2**16), patch("pdfem_mpi.run.run.discretize", never), pytest.raises(SceneError) as no:
+        check_scene(scene, mpi().COMM_SELF)
+    (message,) = no.value.messages
+    assert message.startswith(f"mesh.path = {mesh.path} does not fit into memory: the mesh of 600 cells needs")
+
+
+def whole(scene):
+    discretization = discretize(scene)
+    return cut_out(discretization, partition(discretization, 1), 0)
+
+
+@pytest.mark.parametrize("kinematics", ["linear", "finite"])
+def test_rows_and_bonds_are_counted_in_a_sample(kinematics):
+    scene = make_scene((24, 10, 6), 8, kinematics=kinematics)
+    discretization = discretize(scene)
+    model = build_model(scene, discretization, mpi().COMM_SELF)
+    subdomain = whole(scene)
+    cells = np.concatenate([subdomain.free, subdomain.overlap])
+    rows, bonds = memory._count_bonds(discretization, cells)
+    assert bonds == pytest.approx(model.bonds.count, rel=SAMPLING)
+    assert rows == pytest.approx(len(model.bonds.interior.offset) - 1, rel=SAMPLING)
+
+
+def test_bonds_between_fitted_bodies_are_not_counted():
+    """There are none; in layers of two cells they would be more than a third."""
+    regions = tuple(
+        Region(name=f"{k}", model="peridynamics", material=name, lower=(0, 0, 2 * k), upper=(8, 6, 2 * k + 2))
+        for k, name in enumerate(("default", "soft", "default"))
+    )
+    materials = {"soft": Material(youngs_modulus=100.0)}
+    scene = make_scene((8, 6, 6), regions=regions, materials=materials, correction="fitted", loads=())
+    discretization = discretize(scene)
+    model = build_model(scene, discretization, mpi().COMM_SELF)
+    subdomain = whole(scene)
+    _, bonds = memory._count_bonds(discretization, np.concatenate([subdomain.free, subdomain.overlap]))
+    assert bonds == pytest.approx(model.bonds.count, rel=SAMPLING)
+
+
+def test_without_peridynamics_there_are_no_bonds():
+    scene = make_scene((4, 4, 4), 4)
+    assert memory.estimate(scene, discretize(scene), whole(scene)).bonds == 0.0
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="peak resident memory is read from /proc")
+@pytest.mark.parametrize(
+    ("deck", "overrides"),
+    [
+        ("bar_pd.toml", (*HALF_AS_LONG, 'peridynamics.kinematics="finite"')),
+        ("bar_tension.toml", ()),
+    ],
+)
+def test_the_estimate_is_near_what_becomes_resident(deck, overrides):
+    path = f"{ROOT}:{ROOT / 'tests'}"
+    answer = run_python("-c", MEASURE, ROOT / "jobs" / deck, *overrides, PYTHONPATH=path, timeout=110)
+    assert answer.returncode == 0, answer.stderr
+    estimated, measured = map(float, answer.stdout.split())
+    assert estimated == pytest.approx(measured, rel=NEAR), (estimated, measured)
