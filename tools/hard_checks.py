@@ -17,10 +17,10 @@ from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.fields import fields_sha256, gather_fields
 from pdfem_mpi.model.forces import Forces
-from pdfem_mpi.model.loads import exact_dots
 from pdfem_mpi.model.model import build_model, cluster_layout, point_rows
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import world
+from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.system import launcher as launch
 

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from pdfem_mpi.body.discretization import Discretization, discretize
 from pdfem_mpi.body.materials import materials_of
 from pdfem_mpi.deck.scene import BodyForce, Material, Scene
-from pdfem_mpi.model.loads import rigid_motions
+from pdfem_mpi.mesh.rigid_motions import rigid_motions
 
 CORNERS = np.array([(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)])
 GAUSS = np.array([(r, s, t) for t in (-1, 1) for s in (-1, 1) for r in (-1, 1)]) / math.sqrt(3.0)
@@ -231,7 +231,7 @@ def solve(scene: Scene) -> tuple[np.ndarray | None, np.ndarray | None]:
     else:
         nodes = body.discretization.mesh.nodes[body.discretization.node_number >= 0]
         places = np.concatenate([body.x[~body.discretization.is_overlap[body.cell]], nodes])
-        modes = sparse.csr_matrix(rigid_motions(places - places.mean(axis=0)))
+        modes = sparse.csr_matrix(rigid_motions(places - places.mean(axis=0)).reshape(6, -1))
         u[free] = _solve(sparse.bmat([[inner, modes.T], [modes, None]]), np.append(known, np.zeros(6)))[:-6]
     u = u.reshape(-1, 3)
     points = body.interpolation @ u if len(body.x) else None
@@ -247,7 +247,7 @@ def _solve(matrix: sparse.spmatrix, known: np.ndarray) -> np.ndarray:
 
 def without_rigid_motion(x: np.ndarray, u: np.ndarray) -> np.ndarray:
     """A displacement field, (n, 3), less the rigid motion nearest to it."""
-    modes = rigid_motions(x - x.mean(axis=0))
+    modes = rigid_motions(x - x.mean(axis=0)).reshape(6, -1)
     amounts, *_ = np.linalg.lstsq(modes.T, u.reshape(-1), rcond=None)
     return u - (amounts @ modes).reshape(-1, 3)
 

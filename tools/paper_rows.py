@@ -682,14 +682,14 @@ EQUATIONS = (
     EquationRow(
         "B1",
         "place x0",
-        ("measure/probes.py:displacement_at",),
+        ("measure/displacement.py:displacement_at",),
         ("unit/measure/test_probes.py::test_displacement_of_a_trilinear_field_is_exact",),
         "`[[probes]]` x0 of the decks",
     ),
     EquationRow(
         "B2",
         "displacement there",
-        ("measure/probes.py:displacement_at",),
+        ("measure/displacement.py:displacement_at",),
         (f"{APPENDIX_B}::test_finite_elements_hold_the_closed_form",),
         "",
     ),

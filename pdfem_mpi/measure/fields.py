@@ -11,7 +11,7 @@ from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.model import Model
-from pdfem_mpi.parallel.comm import gather_rows, gather_slabs
+from pdfem_mpi.parallel.slabs import gather_rows, gather_slabs
 from pdfem_mpi.peridynamics.damage import Remaining, local_damage
 from pdfem_mpi.peridynamics.failure import Failure
 

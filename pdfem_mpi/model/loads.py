@@ -14,13 +14,14 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.scene import BodyForce, Scene, SceneError, Traction
-from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_volumes
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mesh import named_sets
+from pdfem_mpi.mesh.rigid_motions import write_rigid_motion
 from pdfem_mpi.model.model import Model, cluster_layout
 from pdfem_mpi.model.parts import Loose, Parts, find_loose, find_parts, settle, unbalanced, without_equilibrium
 from pdfem_mpi.parallel.comm import sum_integers
+from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.fit.areas import face_shares
 
 #: Loads work on a free rigid motion when this fraction of their absolute work is left over.
@@ -205,35 +206,8 @@ def rigid_modes(model: Model, u: np.ndarray | None = None) -> Iterator[np.ndarra
     for k in range(6):
         mode = np.zeros(model.n_unknowns)
         for where, shape, x in places:
-            _write_rigid_motion(x.reshape(shape), k, mode[where].reshape(shape))
+            write_rigid_motion(x.reshape(shape), k, mode[where].reshape(shape))
         yield mode
-
-
-def _write_rigid_motion(x: np.ndarray, k: int, mode: np.ndarray) -> None:
-    """Translation or rotation k of positions, whose second axis are the components; ``mode`` is 0 before."""
-    if k < 3:
-        mode[:, k] = 1.0
-    else:
-        after, last = (k - 2) % 3, (k - 1) % 3
-        mode[:, after] = -x[:, last]
-        mode[:, last] = x[:, after]
-
-
-def rigid_motions(x: np.ndarray) -> np.ndarray:
-    """Three translations and three rotations about the origin of positions (n, 3), shape (6, 3 n)."""
-    motions = np.zeros((6, len(x), 3))
-    for k in range(6):
-        _write_rigid_motion(x, k, motions[k])
-    return motions.reshape(6, -1)
-
-
-def exact_dots(comm, pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Dot products of pairs of vectors over the unknowns of all ranks, each rounded once. Collective."""
-    rows = []
-    for x, y in pairs:
-        rows.append(np.zeros(SIZE, np.int64))
-        add_products(np.ascontiguousarray(x), np.ascontiguousarray(y), rows[-1])
-    return np.array([value(row) for row in sum_integers(comm, np.array(rows))])
 
 
 def free_motions(model: Model, fixed: np.ndarray) -> np.ndarray:

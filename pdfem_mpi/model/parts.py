@@ -19,6 +19,7 @@ import numpy as np
 
 from pdfem_mpi.kernels.components import join_bonds, join_rows, spread_smallest
 from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.mesh.rigid_motions import rigid_motions
 from pdfem_mpi.model.model import Model, cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import distinct, largest, sum_integers
 from pdfem_mpi.peridynamics.images import MAGNITUDES, SCALAR, halo_for
@@ -380,14 +381,8 @@ def _rows(model: Model, flat: np.ndarray) -> np.ndarray:
 
 
 def _modes(y: np.ndarray) -> np.ndarray:
-    """Three translations and three rotations about the origin at positions (n, 3); shape (n, 6, 3)."""
-    modes = np.zeros((len(y), 6, 3))
-    for d in range(3):
-        after, last = (d + 1) % 3, (d + 2) % 3
-        modes[:, d, d] = 1.0
-        modes[:, 3 + d, after] = -y[:, last]
-        modes[:, 3 + d, last] = y[:, after]
-    return modes
+    """The rigid motions at positions (n, 3) with places first, shape (n, 6, 3)."""
+    return np.ascontiguousarray(rigid_motions(y).swapaxes(0, 1))
 
 
 def _within(model: Model, parts: Parts, loose: tuple[Loose, ...]) -> tuple[np.ndarray, np.ndarray]:

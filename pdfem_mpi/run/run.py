@@ -20,8 +20,10 @@ import numpy as np
 from pdfem_mpi import __version__
 from pdfem_mpi.body.discretization import Discretization, ModelUnits, discretize, make_mesh
 from pdfem_mpi.deck.scene import BarProbe, DisplacementProbe, FileMesh, LineProbe, Scene, SceneError, Steps
+from pdfem_mpi.measure.bar import Bar, bar_results, measure_bar
+from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import Fields, digest_fields, fields_sha256, gather_damage, gather_fields, point_positions
-from pdfem_mpi.measure.probes import Bar, Line, bar_results, displacement_at, measure_bar, measure_line
+from pdfem_mpi.measure.line import Line, measure_line
 from pdfem_mpi.measure.rotations import TOLD, describe_rotation, largest_rotation
 from pdfem_mpi.model.forces import Forces, NotFinite
 from pdfem_mpi.model.loads import make_load_case

@@ -11,11 +11,11 @@ import numpy as np
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
 from pdfem_mpi.model.forces import Forces, NotFinite
-from pdfem_mpi.model.loads import exact_dots
 from pdfem_mpi.model.parts import describe_motion
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.parallel.stop_requests import NEVER, Never, Pauses
+from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.convergence import Convergence, NotConverged, Progress
 

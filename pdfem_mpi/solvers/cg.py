@@ -24,10 +24,10 @@ import numpy as np
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.krylov import finish_product, take_step
 from pdfem_mpi.model.forces import Forces, NotFinite
-from pdfem_mpi.model.loads import exact_dots
 from pdfem_mpi.model.parts import describe_motion
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.solvers.convergence import Breakdown, Convergence, NotConverged, Progress
 from pdfem_mpi.solvers.energy_error import Coefficients
 from pdfem_mpi.solvers.preconditioner.preconditioner import Preconditioner

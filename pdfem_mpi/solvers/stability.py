@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from pdfem_mpi.model.forces import Forces
-from pdfem_mpi.model.loads import exact_dots
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import largest
+from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.solvers.cg import Sequence
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.solvers.preconditioner.preconditioner import Preconditioner

@@ -20,10 +20,11 @@ import numpy as np
 from pdfem_mpi.deck.scene import Events
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.model.forces import Forces, NotFinite
-from pdfem_mpi.model.loads import LoadCase, exact_dots, remove_rigid_motion, without_loads_on_loose_parts
+from pdfem_mpi.model.loads import LoadCase, remove_rigid_motion, without_loads_on_loose_parts
 from pdfem_mpi.model.parts import NAMED
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, Convergence, NotConverged, Progress

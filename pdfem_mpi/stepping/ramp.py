@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from pdfem_mpi.deck.scene import Ramp
-from pdfem_mpi.model.loads import LoadCase, exact_dots, without_loads_on_loose_parts
+from pdfem_mpi.model.loads import LoadCase, without_loads_on_loose_parts
 from pdfem_mpi.model.state import State
+from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.adr import Relaxation
 from pdfem_mpi.solvers.convergence import Convergence, Progress

@@ -9,8 +9,9 @@ from time import perf_counter
 import numpy as np
 
 from pdfem_mpi.model.forces import Forces
-from pdfem_mpi.model.loads import LoadCase, exact_dots, rigid_modes
+from pdfem_mpi.model.loads import LoadCase, rigid_modes
 from pdfem_mpi.model.state import State
+from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.convergence import Convergence
 

@@ -1,6 +1,5 @@
 """Sums, gathering by global id and agreement give the same on every rank and for every number of ranks."""
 
-import hashlib
 import sys
 import threading
 from contextlib import nullcontext
@@ -9,17 +8,17 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.parallel import comm as parallel
+from pdfem_mpi.parallel import slabs
 from pdfem_mpi.parallel.comm import (
     agree,
     broadcast,
     check_launcher,
-    digest,
-    gather_rows,
     install_abort_hook,
     largest,
     node_communicator,
     sum_integers,
 )
+from pdfem_mpi.parallel.slabs import gather_rows
 
 pytestmark = pytest.mark.mpi(min_size=2)
 
@@ -80,7 +79,7 @@ def test_nan_on_one_rank_is_seen_by_all(comm):
 @pytest.mark.parametrize("n_global", [0, 1, 8, 9, 41])
 def test_rows_are_gathered_in_the_order_of_their_ids(comm, monkeypatch, n_global):
     """Slabs of 8 ids: none, less than one, exactly one, one more, several; a rank without rows; strides."""
-    monkeypatch.setattr(parallel, "SLAB", 8)
+    monkeypatch.setattr(slabs, "SLAB", 8)
     everything = np.random.default_rng(7).random((n_global, 2, 9, 4))
     ids = shares(comm, n_global)
     rows = everything[ids][:, :, 3:6, ::2]
@@ -125,20 +124,6 @@ def test_rows_of_another_kind_on_the_rank_without_rows_are_refused_by_all(comm, 
     rows = np.zeros(20)[ids] if len(ids) else kind
     with pytest.raises(ValueError, match="gather_rows") if comm.size > 1 else nullcontext():
         gather_rows(comm, ids, rows, 20)
-
-
-def test_digest_is_that_of_one_rank(comm):
-    """The same on all ranks and for all numbers of ranks; another bit, type or shape changes it."""
-    everything = np.random.default_rng(8).random((30, 3))
-    ids = shares(comm, 30)
-    found = digest(comm, ids, everything[ids], 30)
-    changed = everything.copy()
-    changed[17, 1] = np.nextafter(changed[17, 1], 2.0)
-    another_bit = digest(comm, ids, changed[ids], 30)
-    another_type = digest(comm, ids, everything.view(np.int64)[ids], 30)
-    another_shape = digest(comm, ids, everything[ids][:, None], 30)
-    assert found == hashlib.sha256(b"<f8(30, 3)" + everything.tobytes()).hexdigest()
-    assert len({found, another_bit, another_type, another_shape}) == 4
 
 
 def test_messages_are_agreed_in_rank_order_each_once(comm):

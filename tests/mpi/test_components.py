@@ -7,7 +7,8 @@ from helpers import assert_all
 from pdfem_mpi.deck.scene import Crack, Support
 from pdfem_mpi.model import model as model_module
 from pdfem_mpi.model.parts import describe_loose, describe_motion, find_loose, find_parts
-from pdfem_mpi.parallel.comm import gather_rows, mpi
+from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.parallel.slabs import gather_rows
 from verification.bodies import build, make_scene
 
 pytestmark = pytest.mark.mpi(min_size=2)

@@ -14,8 +14,9 @@ import pytest
 from helpers import assert_all
 from pdfem_mpi.deck.scene import Output, Steps
 from pdfem_mpi.model.state import FIELDS
-from pdfem_mpi.parallel import comm as parallel
-from pdfem_mpi.parallel.comm import broadcast, gather_pairs, mpi
+from pdfem_mpi.parallel import slabs as gathering
+from pdfem_mpi.parallel.comm import broadcast, mpi
+from pdfem_mpi.parallel.slabs import gather_pairs
 from pdfem_mpi.results.checkpoint import Writer, list_checkpoints, open_checkpoint
 from pdfem_mpi.run import tables
 from pdfem_mpi.run.tables import BROKEN, make_layout, read_broken, read_fields, total_broken, write_tables
@@ -214,8 +215,8 @@ def store(comm, path, which, wide=False):
 @pytest.mark.parametrize("which", ["none", "odd", "all"])
 def test_tables_are_the_same_file_from_any_number_of_ranks(comm, mpi_tmp_path, monkeypatch, which):
     """Byte for byte, with slabs of a few rows; and each rank reads back its own."""
-    monkeypatch.setattr(parallel, "SLAB", 7)
-    monkeypatch.setattr(parallel, "PAIR_SLAB", 16)
+    monkeypatch.setattr(gathering, "SLAB", 7)
+    monkeypatch.setattr(gathering, "PAIR_SLAB", 16)
     monkeypatch.setattr(tables, "PAIRS", 50)
     path = mpi_tmp_path / f"ckpt-{comm.size}{broadcast(comm, mpi().COMM_WORLD.rank):05d}.h5"
     store(comm, path, which)
@@ -254,7 +255,7 @@ def test_point_numbers_beyond_32_bits(comm, mpi_tmp_path):
 
 @pytest.mark.parametrize("n", [0, 1, 500])
 def test_pairs_come_in_order_and_in_slabs(comm, monkeypatch, n):
-    monkeypatch.setattr(parallel, "PAIR_SLAB", 8)
+    monkeypatch.setattr(gathering, "PAIR_SLAB", 8)
     rng = np.random.default_rng(n)
     pairs = np.unique(rng.integers(0, 100, (n, 2)), axis=0)
     mine = pairs[rng.integers(0, comm.size, len(pairs)) == comm.rank]

@@ -25,8 +25,10 @@ from pdfem_mpi.deck.scene import (
     Support,
     Traction,
 )
+from pdfem_mpi.measure.bar import measure_bar
+from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import point_positions
-from pdfem_mpi.measure.probes import displacement_at, measure_bar, measure_line
+from pdfem_mpi.measure.line import measure_line
 from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.convergence import NotConverged

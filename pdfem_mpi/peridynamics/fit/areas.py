@@ -23,7 +23,7 @@ import numpy as np
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, REFERENCE_NODES
 from pdfem_mpi.mesh.faces import match_faces, outer_faces
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh
-from pdfem_mpi.peridynamics.fit.killing import rigid_motions
+from pdfem_mpi.mesh.rigid_motions import rigid_motions
 
 #: Directions of the compatibility conditions weaker than this fraction of the strongest are none.
 INDEPENDENT = 1e-11

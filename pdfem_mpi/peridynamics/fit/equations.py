@@ -34,9 +34,10 @@ import numpy as np
 from pdfem_mpi.kernels.bond_factors import BLOCK_ENTRIES, MULTIPLICITY, N, multiply_blocks
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.bonds import Bonds, Points, pattern_for
 from pdfem_mpi.peridynamics.fit.grid import FactorGrid, share_of_long_bonds
-from pdfem_mpi.peridynamics.fit.operator import Operator, dots, inverse_blocks, size_of
+from pdfem_mpi.peridynamics.fit.operator import Operator, inverse_blocks, size_of
 
 #: Shear modulus in model units, where E = 1 and nu = 1/4.
 SHEAR_MODULUS = 0.4
@@ -152,13 +153,13 @@ def solve(
     x, r = np.zeros_like(right), right.copy()
     z = precondition(r)
     p = z.copy()
-    gamma, first = dots(comm, (r, z), (r, r))
+    gamma, first = exact_dots(comm, [(r, z), (r, r)])
     square, iterations = first, 0
     best, best_x = first, x.copy()
     halved, since = first, 0
     while iterations < most and reduction**2 * first < square < DRIFT**2 * best and iterations - since < STALLED:
         w = multiply(p, size_of(comm, p))
-        (curvature,) = dots(comm, (p, w))
+        (curvature,) = exact_dots(comm, [(p, w)])
         if not curvature > 0.0:
             break  # round-off: the operator has no negative direction
         alpha = gamma / curvature
@@ -166,7 +167,7 @@ def solve(
         r -= alpha * w
         z = precondition(r)
         before = gamma
-        gamma, square = dots(comm, (r, z), (r, r))
+        gamma, square = exact_dots(comm, [(r, z), (r, r)])
         if square < best:
             best = square
             best_x[:] = x
@@ -238,7 +239,7 @@ def fit_factors(
     of_bodies = np.array([np.abs(miss[clusters]).max(initial=0.0) for clusters, _ in equations.grids])
     counts = np.array([np.count_nonzero(~slack), np.count_nonzero(slack), bonds.count])
     outside, inside, n_bonds = sum_integers(comm, counts).tolist()
-    squares = dots(comm, *((part, part) for part in parts))
+    squares = exact_dots(comm, ((part, part) for part in parts))
     means = [math.sqrt(q / (N * max(n, 1))) / scale for q, n in zip(squares, (outside, inside), strict=True)]
     fit = Fit(
         signs="bounded" if bounded else "free",
@@ -311,7 +312,7 @@ class _Equations:
         self.in_slack = np.ascontiguousarray(np.broadcast_to(slack.reshape(-1, 1, W), goal.shape))
         sums = operator.blocks(HELD)
         diagonal = np.ascontiguousarray(sums[:, BLOCK_ENTRIES.diagonal()] * MULTIPLICITY)
-        (total,) = dots(self.comm, (diagonal, np.ones_like(diagonal)))
+        (total,) = exact_dots(self.comm, [(diagonal, np.ones_like(diagonal))])
         n_points, n_slack = sum_integers(self.comm, np.array([slack.size, np.count_nonzero(slack)])).tolist()
         self.omega = SLACK * total / (N * n_points) if n_slack else 0.0
         self.blocks = inverse_blocks(sums, np.where(slack, self.omega, 0.0))
@@ -328,7 +329,7 @@ class _Equations:
         """Multipliers whose factors are positive: semi-smooth Newton steps; their number."""
         v = np.zeros_like(self.goal)
         miss = self._miss(v)
-        first = size = math.sqrt(dots(self.comm, (miss, miss))[0])
+        first = size = math.sqrt(exact_dots(self.comm, [(miss, miss)])[0])
         turns, slack_is_new = 0, self.omega > 0.0
         while size > TOLERANCE * first and turns < MOST_TURNS and self.operator.sweeps < MOST_SWEEPS:
             if turns:
@@ -339,7 +340,7 @@ class _Equations:
             for halving in range(MOST_HALVINGS + 1):
                 v += step
                 miss = self._miss(v)
-                square, along = dots(self.comm, (miss, miss), (step, miss))
+                square, along = exact_dots(self.comm, [(miss, miss), (step, miss)])
                 size = math.sqrt(square)
                 if size < before or along >= 0.0 or halving == MOST_HALVINGS:
                     break  # closer, or still on the way down: the energy along the step is convex
@@ -348,7 +349,7 @@ class _Equations:
             if slack_is_new and size <= TOLERANCE * first:
                 slack_is_new, self.centre = False, v.copy()
                 miss = self._miss(v)
-                size = math.sqrt(dots(self.comm, (miss, miss))[0])
+                size = math.sqrt(exact_dots(self.comm, [(miss, miss)])[0])
         return v, turns
 
     def _miss(self, v: np.ndarray) -> np.ndarray:

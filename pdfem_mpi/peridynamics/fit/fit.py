@@ -20,7 +20,8 @@ from pdfem_mpi.kernels.bond_factors import N
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mesh.quality import CORNERS
-from pdfem_mpi.parallel.comm import broadcast, gather_rows
+from pdfem_mpi.parallel.comm import broadcast
+from pdfem_mpi.parallel.slabs import gather_rows
 from pdfem_mpi.peridynamics.bonds import Bonds, Points
 from pdfem_mpi.peridynamics.fit import cache as factor_cache
 from pdfem_mpi.peridynamics.fit.areas import Boundary, area_vectors, find_boundary, restore_compatibility

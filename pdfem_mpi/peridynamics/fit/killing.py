@@ -5,18 +5,10 @@ from itertools import combinations_with_replacement, permutations
 import numpy as np
 
 from pdfem_mpi.kernels.bond_factors import MONOMIALS, MULTIPLICITY, N
+from pdfem_mpi.mesh.rigid_motions import rigid_motions
 
 #: Combinations weaker than this fraction of the strongest are none.
 INDEPENDENT = 1e-9
-
-
-def rigid_motions(x: np.ndarray) -> np.ndarray:
-    """Three translations and three rotations at some positions, shape (6, n, 3)."""
-    motions = np.zeros((6, len(x), 3))
-    for d in range(3):
-        motions[d, :, d] = 1.0
-        motions[3 + d] = np.cross(np.eye(3)[d], x)
-    return motions
 
 
 def free_motions(x: np.ndarray) -> np.ndarray:

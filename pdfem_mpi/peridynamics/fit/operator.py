@@ -14,7 +14,6 @@ import numpy as np
 
 from pdfem_mpi.kernels import bond_factors as kernels
 from pdfem_mpi.kernels.bond_factors import MULTIPLICITY, ROWS, N
-from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.bonds import Bonds, Points, integer_bits, pattern_for
@@ -148,14 +147,6 @@ def inverse_blocks(sums: np.ndarray, pinned: np.ndarray) -> np.ndarray:
     inverse = np.empty((len(sums), N * (N + 1) // 2), np.float32)
     kernels.invert_blocks(sums, pinned, inverse)
     return inverse
-
-
-def dots(comm, *pairs: tuple[np.ndarray, np.ndarray]) -> list[float]:
-    """Exact dot products of vectors over the points of all ranks. Collective."""
-    digits = np.zeros((len(pairs), SIZE), np.int64)
-    for row, (x, y) in zip(digits, pairs, strict=True):
-        add_products(x.reshape(-1), y.reshape(-1), row)
-    return [value(row) for row in sum_integers(comm, digits)]
 
 
 def size_of(comm, v: np.ndarray) -> float:

@@ -20,7 +20,7 @@ from pdfem_mpi.kernels.finite_elements import lame_moduli
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.preconditioner import interpolate, restrict
 from pdfem_mpi.mesh.background_grid import CORNERS, add_moments, cell_nodes, moment_table
-from pdfem_mpi.model.loads import rigid_motions
+from pdfem_mpi.mesh.rigid_motions import rigid_motions
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import largest, sum_integers
 
@@ -190,7 +190,7 @@ def make_grid(
     moments[len(ratios) :] *= MOMENT_QUANTUM
     number, matrix = _stiffness(moments, stiffest, h, counts, ratios, spring)
     index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
-    free = np.linalg.qr((motions @ rigid_motions(lower + index * h)).T)[0]
+    free = np.linalg.qr((motions @ rigid_motions(lower + index * h).reshape(6, -1)).T)[0]
     corners = np.ascontiguousarray(number[cell_nodes(counts)[where]].astype(np.int32))
     n_nodes = int(number.max()) + 1
     weights = np.ones((len(where), 8))

@@ -15,7 +15,7 @@ import numpy as np
 
 from pdfem_mpi.kernels.preconditioner import add_block_products
 from pdfem_mpi.model.forces import Forces
-from pdfem_mpi.model.loads import exact_dots
+from pdfem_mpi.parallel.sums import exact_dots
 
 #: Steps of the power method, which find the eigenvalue from below to some per cent.
 STEPS = 12

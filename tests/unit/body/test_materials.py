@@ -8,7 +8,7 @@ from pdfem_mpi.body.materials import bond_materials, bond_stretches, material_ta
 from pdfem_mpi.deck.scene import BarProbe, Interface, Material, Region, SceneError, Support
 from pdfem_mpi.deck.toml import DeckError, parse_deck, write_deck
 from pdfem_mpi.kernels.surface_correction import INFINITE_RESPONSE
-from pdfem_mpi.measure.probes import bar_results, measure_bar
+from pdfem_mpi.measure.bar import bar_results, measure_bar
 from pdfem_mpi.model import model as model_module
 from pdfem_mpi.model.model import build_intact_elements, point_rows
 from pdfem_mpi.peridynamics.bonds import count_by_material

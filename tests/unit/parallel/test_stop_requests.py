@@ -11,7 +11,8 @@ from helpers import run_python
 from pdfem_mpi.deck.scene import Checkpoint
 from pdfem_mpi.parallel import stop_requests as pausing
 from pdfem_mpi.parallel import watchdog
-from pdfem_mpi.parallel.comm import broadcast, gather_pairs, gather_slabs, largest, mpi, on_root, sum_integers
+from pdfem_mpi.parallel.comm import broadcast, largest, mpi, on_root, sum_integers
+from pdfem_mpi.parallel.slabs import gather_pairs, gather_slabs
 from pdfem_mpi.parallel.stop_requests import Pauses, Stopped
 from pdfem_mpi.parallel.watchdog import Watchdog
 from pdfem_mpi.system import signals

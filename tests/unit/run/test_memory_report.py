@@ -182,7 +182,7 @@ def test_a_run_without_output_gathers_no_fields_and_has_the_same_digest(tmp_path
 
 @pytest.mark.parametrize("n_elements", [0, 3, CELLS[0]])
 def test_digest_in_slabs_is_that_of_the_fields(n_elements, monkeypatch):
-    monkeypatch.setattr("pdfem_mpi.parallel.comm.SLAB", 7)
+    monkeypatch.setattr("pdfem_mpi.parallel.slabs.SLAB", 7)
     body = build(make_scene(CELLS, n_elements))
     u = np.random.default_rng(0).uniform(-1e-3, 1e-3, body.model.n_unknowns)
     fields = body.fields(u)

@@ -7,7 +7,8 @@ import pytest
 
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.scene import LineProbe, PlateWithHoleMesh
-from pdfem_mpi.measure.probes import displacement_at, measure_line
+from pdfem_mpi.measure.displacement import displacement_at
+from pdfem_mpi.measure.line import measure_line
 from pdfem_mpi.results.lines import COLUMNS, write_line
 from verification.bodies import fields_of_positions, make_scene
 

@@ -1,0 +1,49 @@
+"""Displacements along a straight line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.deck.scene import LineProbe
+from pdfem_mpi.measure.displacement import interpolate, locate
+from pdfem_mpi.measure.fields import Fields
+
+
+@dataclass(frozen=True)
+class Line:
+    """Displacements along a straight line.
+
+    Attributes
+    ----------
+    distance : float64, shape (n,), dimension length
+        From the start.
+    position : float64, shape (n, 3), dimension length
+    displacement : float64, shape (n, 3), dimension length
+        NaN outside of the body.
+    kind : str, shape (n,)
+        "finite elements" (also in their overlap), "peridynamics", or "" outside of the body.
+    """
+
+    distance: np.ndarray
+    position: np.ndarray
+    displacement: np.ndarray
+    kind: np.ndarray
+
+
+def measure_line(discretization: Discretization, fields: Fields, probe: LineProbe) -> Line:
+    """Sample the displacement along a line."""
+    start, stop = np.array(probe.start), np.array(probe.stop)
+    t = np.arange(probe.n) / (probe.n - 1)
+    position = start + t[:, None] * (stop - start)
+    position[-1] = stop
+    displacement, kind = np.full((probe.n, 3), np.nan), np.full(probe.n, "", object)
+    for k, point in enumerate(position):
+        holders, outside = locate(discretization, point)
+        if outside <= discretization.mesh.tolerance:
+            displacement[k] = interpolate(discretization, fields, holders, point)
+            bonds = discretization.is_peridynamic[next(iter(holders))]
+            kind[k] = "peridynamics" if bonds else "finite elements"
+    return Line(t * float(np.linalg.norm(stop - start)), position, displacement, kind.astype(str))
