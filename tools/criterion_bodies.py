@@ -17,7 +17,7 @@ from pdfem_mpi.kernels.exact_sums import add_products
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh
-from pdfem_mpi.model.model import point_rows
+from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.peridynamics.bonds import make_bonds
 from pdfem_mpi.peridynamics.failure import UNBREAKABLE, Failure
 from pdfem_mpi.peridynamics.fit.areas import find_boundary

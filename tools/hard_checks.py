@@ -17,8 +17,9 @@ from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.fields import fields_sha256, gather_fields
 from pdfem_mpi.model.forces import Forces
-from pdfem_mpi.model.model import build_model, cluster_layout, point_rows
+from pdfem_mpi.model.model import build_model
 from pdfem_mpi.model.state import new_state
+from pdfem_mpi.model.unknowns import cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import make_failure
@@ -40,7 +41,7 @@ def rotation(scene: Scene, comm, degrees: float) -> dict[str, float]:
     model = build_model(scene, discretization, comm)
     state = new_state(model)
     forces, failure = Forces(model, state.bounds), make_failure(scene, discretization, model)
-    x = point_rows(model.points.x[: model.n_point_unknowns])
+    x = point_rows(model.points.x[: 3 * model.unknowns.n_points])
     c, s = round(math.cos(math.radians(degrees)), 15), round(math.sin(math.radians(degrees)), 15)
     c, s = c / math.hypot(c, s), s / math.hypot(c, s)
     turned = np.stack([c * x[:, 0] - s * x[:, 1], s * x[:, 0] + c * x[:, 1], x[:, 2]], axis=1) - x

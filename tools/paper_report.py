@@ -12,7 +12,7 @@ from paper_cases import COARSE_CORNERS, ROOT, STRAIN, X0, Y0, Result, Series, re
 from paper_rows import EQUATIONS, FIGURES
 
 from pdfem_mpi.kernels import surface_correction
-from pdfem_mpi.model.model import point_rows
+from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.peridynamics import bonds as bonds_module
 from pdfem_mpi.peridynamics.bonds import BULK_MODULUS
 from verification.bodies import bond_list, build, make_scene

@@ -431,7 +431,7 @@ EQUATIONS = (
     EquationRow(
         "12",
         "vector of positions",
-        ("model/model.py:cluster_layout",),
+        ("model/unknowns.py:cluster_layout",),
         ("unit/model/test_forces.py::test_point_displacements_include_the_overlap",),
         "clusters of four points",
     ),

@@ -155,7 +155,7 @@ def measure(case: dict, comm, small: bool, seconds: float) -> dict:
 def _displacements(model: Model) -> np.ndarray:
     """A smooth field with strains up to `STRAIN`."""
     points, nodes = model.points, model.nodes
-    x = points.x[: model.n_point_unknowns] if points else nodes.x[: nodes.n_owned].reshape(-1)
+    x = model.unknowns.of_points(points.x) if points else nodes.x[: nodes.n_owned].reshape(-1)
     return 0.5 * STRAIN * (x + np.sin(x))
 
 

@@ -48,7 +48,7 @@ def gather_fields(discretization: Discretization, forces: Forces, u: np.ndarray)
         gathered = gather_rows(model.comm, cells, rows, discretization.n_point_cells)
         u_points = None if gathered is None else gathered.reshape(-1, 3) * length
     if model.nodes:
-        rows = u[model.n_point_unknowns :].reshape(-1, 3)
+        rows = model.unknowns.of_nodes(u)
         number = model.nodes.number[: model.nodes.n_owned]
         gathered = gather_rows(model.comm, number, rows, discretization.n_nodes)
         u_nodes = None if gathered is None else gathered * length
@@ -103,7 +103,7 @@ def digest_fields(discretization: Discretization, forces: Forces, u: np.ndarray)
         parts.append((cells, forces.point_displacements().reshape(-1, 8, 3), n_cells, (8 * n_cells, 3)))
     if model.nodes:
         number = model.nodes.number[: model.nodes.n_owned]
-        rows = u[model.n_point_unknowns :].reshape(-1, 3)
+        rows = model.unknowns.of_nodes(u)
         parts.append((number, rows, discretization.n_nodes, (discretization.n_nodes, 3)))
     for ids, rows, n, shape in parts:
         total.update(f"{shape}".encode())

@@ -17,7 +17,8 @@ from pdfem_mpi.kernels import finite_elements, overlap, peridynamics
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
 from pdfem_mpi.kernels.failure import add_energies
 from pdfem_mpi.kernels.simd import W
-from pdfem_mpi.model.model import Model, point_rows
+from pdfem_mpi.model.model import Model
+from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.parallel.comm import agree, largest, sum_integers
 from pdfem_mpi.peridynamics.bonds import integer_bits, pattern_for
 from pdfem_mpi.peridynamics.failure import Failure
@@ -161,20 +162,20 @@ class Forces:
         """
         model, clock = self.model, _Clock(self.seconds)
         points, bonds, nodes = model.points, model.bonds, model.nodes
-        n = model.n_point_unknowns
+        unknowns = model.unknowns
         self.evaluations += 1
         with np.errstate(over="ignore", invalid="ignore"):  # NaN would pass the sweeps' comparisons
             self.met[:] = 0.0 if math.isfinite(np.dot(u, u)) else math.inf
         self.last = u, force
         if nodes:
-            self.u_nodes[: nodes.n_owned] = u[n:].reshape(-1, 3)
+            self.u_nodes[: nodes.n_owned] = unknowns.of_nodes(u)
             nodes.halo.start_forward(self.u_nodes)
             self.force_nodes[:] = 0
         if points:
             flat, blocks = self.S.reshape(-1), self.S.reshape(-1, 2, 9, W)
             has_z = bonds.finite and not self.tangent
             bond_quantum, pattern = pattern_for(self._bond_force_bound())
-            peridynamics.load_displacements(u[:n], points.x, flat, 2 * points.n_free, has_z)
+            peridynamics.load_displacements(unknowns.of_points(u), points.x, flat, 2 * points.n_free, has_z)
             peridynamics.reset_forces(self.SI.reshape(-1), self.excess, integer_bits(pattern))
         clock.lap("other")
         if nodes:
@@ -214,14 +215,15 @@ class Forces:
             if model.overlap:
                 ratio = bond_quantum / node_quantum
                 overlap.lump(self.force_nodes, self.SI, points.n_free, model.overlap.connectivity, ratio)
-            peridynamics.read_forces(self.SI.reshape(-1), bond_quantum, external[:n], force[:n])
+            of_points = unknowns.of_points(external), unknowns.of_points(force)
+            peridynamics.read_forces(self.SI.reshape(-1), bond_quantum, *of_points)
             clock.lap("other")
         if nodes:
             nodes.halo.scatter_reverse(self.force_nodes)
             clock.lap("exchange")
-            owned = self.force_nodes[: nodes.n_owned].reshape(-1)
-            np.multiply(owned, node_quantum, out=force[n:])
-            force[n:] += external[n:]
+            of_nodes = unknowns.of_nodes(force)
+            np.multiply(self.force_nodes[: nodes.n_owned], node_quantum, out=of_nodes)
+            of_nodes += unknowns.of_nodes(external)
             if len(model.rollers):
                 force[model.rollers] = 0.0  # the body's mirror image answers
             clock.lap("other")
@@ -230,10 +232,10 @@ class Forces:
         """Take the tangent at the displacements ``u``, shape (n_unknowns,), where ``|e| <= largest_e``. Collective."""
         model = self.model
         self.series = largest_e <= peridynamics.SERIES_LIMIT
-        points, n = model.points, model.n_point_unknowns
-        peridynamics.load_displacements(u[:n], points.x, self.S.reshape(-1), 2 * points.n_free, False)
+        points, unknowns = model.points, model.unknowns
+        peridynamics.load_displacements(unknowns.of_points(u), points.x, self.S.reshape(-1), 2 * points.n_free, False)
         if model.overlap:
-            self.u_nodes[: model.nodes.n_owned] = u[n:].reshape(-1, 3)
+            self.u_nodes[: model.nodes.n_owned] = unknowns.of_nodes(u)
             model.nodes.halo.scatter_forward(self.u_nodes)
             overlap.interpolate(self.S, points.n_free, model.overlap.connectivity, self.u_nodes)
         points.halo.scatter_forward(self.S.reshape(-1, 2, 9, W)[:, :, 0:3])
@@ -303,8 +305,8 @@ class Forces:
             self.force_nodes[:] = 0
             self._sweep_elements(quantum)
             model.nodes.halo.scatter_reverse(self.force_nodes)
-            inner = self.force_nodes[: model.nodes.n_owned].reshape(-1) * quantum
-            add_products(np.ascontiguousarray(u[model.n_point_unknowns :]), inner, digits[1])
+            inner = self.force_nodes[: model.nodes.n_owned] * quantum
+            add_products(np.ascontiguousarray(model.unknowns.of_nodes(u)).reshape(-1), inner.reshape(-1), digits[1])
         self.evaluations += 1
         bonds, elements = (value(row) for row in sum_integers(model.comm, digits))
         return bonds - 0.5 * elements
@@ -330,17 +332,17 @@ class Forces:
     def _places_not_finite(self, values: np.ndarray) -> list[str]:
         """This rank's first point and first node with such a value."""
         model, places = self.model, []
-        n = model.n_point_unknowns
 
         def first_of(rows):
             return np.flatnonzero(~(np.abs(rows) < LARGEST).all(axis=1))[:1]
 
         if model.points:
             x, cell = point_rows(model.points.x), model.points.cell_number
-            places += [("point", 8 * cell[i // 8] + i % 8, x[i]) for i in first_of(point_rows(values[:n]))]
+            of_points = point_rows(model.unknowns.of_points(values))
+            places += [("point", 8 * cell[i // 8] + i % 8, x[i]) for i in first_of(of_points)]
         if model.nodes:
             number, x = model.nodes.number, model.nodes.x
-            places += [("node", number[i], x[i]) for i in first_of(values[n:].reshape(-1, 3))]
+            places += [("node", number[i], x[i]) for i in first_of(model.unknowns.of_nodes(values))]
         units = model.units
         return [
             f"{kind} {number} at ({', '.join(f'{c:.6g}' for c in x * units.length + units.origin)})"

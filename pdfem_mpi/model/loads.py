@@ -18,8 +18,9 @@ from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_volumes
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mesh import named_sets
 from pdfem_mpi.mesh.rigid_motions import write_rigid_motion
-from pdfem_mpi.model.model import Model, cluster_layout
+from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.parts import Loose, Parts, find_loose, find_parts, settle, unbalanced, without_equilibrium
+from pdfem_mpi.model.unknowns import by_component, cluster_layout
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.fit.areas import face_shares
@@ -123,7 +124,7 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
     prescribed = np.zeros(model.n_unknowns)
     prescribed[fixed] = amounts[fixed]
     held = tuple(
-        tuple(np.flatnonzero((holders == k) & (component(model) == d)) for d in range(3))
+        tuple(np.flatnonzero((holders == k) & (model.unknowns.components() == d)) for d in range(3))
         for k in range(len(scene.supports))
     )
     del amounts, holders
@@ -169,15 +170,9 @@ def _volume(discretization: Discretization, model: Model) -> np.ndarray:
     return _join(model, _point_forces(discretization, model, ones), on_nodes)
 
 
-def component(model: Model) -> np.ndarray:
-    """0, 1 or 2 for unknowns along x, y or z; int64, shape (n_unknowns,)."""
-    n = model.n_point_unknowns
-    return np.concatenate([np.arange(n) // W % 3, np.arange(model.n_unknowns - n) % 3])
-
-
 def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """Sums along x, y and z of forces on held unknowns, NaN where no load is; float64, shape (3,). Collective."""
-    along, force = component(model)[fixed], external[fixed]
+    along, force = model.unknowns.components()[fixed], external[fixed]
     parts = [np.where(along == d, force, 0.0) for d in range(3)]
     ones = np.ones_like(force)
     sums = exact_dots(model.comm, [(values, ones) for part in parts for values in (part, np.abs(part))]).reshape(3, 2)
@@ -185,9 +180,7 @@ def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarra
 
 
 def _one_way(model: Model, external: np.ndarray) -> float:
-    n = model.n_point_unknowns
-    of_points, of_nodes = external[:n].reshape(-1, 3, W), external[n:].reshape(-1, 3)
-    along = (np.concatenate([of_points[:, d].reshape(-1), of_nodes[:, d]]) for d in range(3))
+    along = (model.unknowns.along(external, d) for d in range(3))
     ways = (np.maximum(sign * forces, 0.0) for forces in along for sign in (1.0, -1.0))
     sums = exact_dots(model.comm, ((way, np.ones_like(way)) for way in ways)).reshape(3, 2).T
     return max(math.sqrt(x * x + y * y + z * z) for x, y, z in sums.tolist())
@@ -195,18 +188,17 @@ def _one_way(model: Model, external: np.ndarray) -> float:
 
 def rigid_modes(model: Model, u: np.ndarray | None = None) -> Iterator[np.ndarray]:
     """Yield three translations and three rotations about the origin of the body displaced by ``u``; (n_unknowns,)."""
-    n = model.n_point_unknowns
-    places = []
+    unknowns, places = model.unknowns, []
     if model.points:
-        places.append((slice(0, n), (-1, 3, W), model.points.x[:n]))
+        places.append((lambda v: by_component(unknowns.of_points(v)), by_component(unknowns.of_points(model.points.x))))
     if model.nodes:
-        places.append((slice(n, None), (-1, 3), model.nodes.x[: model.nodes.n_owned].reshape(-1)))
+        places.append((unknowns.of_nodes, model.nodes.x[: model.nodes.n_owned]))
     if u is not None:
-        places = [(where, shape, x + u[where]) for where, shape, x in places]
+        places = [(part, x + part(u)) for part, x in places]
     for k in range(6):
         mode = np.zeros(model.n_unknowns)
-        for where, shape, x in places:
-            write_rigid_motion(x.reshape(shape), k, mode[where].reshape(shape))
+        for part, x in places:
+            write_rigid_motion(x, k, part(mode))
         yield mode
 
 
@@ -482,12 +474,9 @@ def _lump_on_nodes(discretization: Discretization, on_cells: np.ndarray, on_node
 def _point_forces(discretization: Discretization, model: Model, on_cells: np.ndarray) -> np.ndarray:
     """Body force times volume of the free points, flat in cluster layout."""
     if not model.points or not on_cells.any():
-        return np.zeros(model.n_point_unknowns)
+        return np.zeros(3 * model.unknowns.n_points)
     density = _pick_points(discretization, model, on_cells)
-    volume = np.repeat(model.points.volume[: 8 * model.points.n_free].reshape(-1, 1, 4), 3, axis=1).reshape(
-        -1
-    )
-    return density * volume
+    return density * np.repeat(model.points.volume[: model.unknowns.n_points].reshape(-1, 1, W), 3, axis=1).reshape(-1)
 
 
 def _pick_points(discretization: Discretization, model: Model, on_cells: np.ndarray) -> np.ndarray:
@@ -501,7 +490,7 @@ def _join(model: Model, on_points: np.ndarray, on_nodes: np.ndarray) -> np.ndarr
     """The flat vector over the unknowns; where there is nothing but zeros, no page of it is written."""
     joined = np.zeros(model.n_unknowns)
     if on_points.any():
-        joined[: len(on_points)] = on_points
+        model.unknowns.of_points(joined)[:] = on_points
     if model.nodes:
-        joined[len(on_points) :] = on_nodes[model.subdomain.owned_nodes].reshape(-1)
+        model.unknowns.of_nodes(joined)[:] = on_nodes[model.subdomain.owned_nodes]
     return joined

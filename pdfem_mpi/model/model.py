@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ from pdfem_mpi.kernels.finite_elements import (
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mesh.mirrors import Mirrors
+from pdfem_mpi.model.unknowns import Unknowns, cluster_layout
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.parallel.halo import Halo, build_halo
 from pdfem_mpi.peridynamics.bonds import Bonds, Points, cut_bonds, fictitious_masses, make_bonds, pattern_for, perturbed
@@ -173,34 +175,24 @@ class Model:
     rollers: np.ndarray
     intact_weights: np.ndarray | None = None
 
-    @property
-    def n_point_unknowns(self) -> int:
-        """Unknowns of the free points, which come first."""
-        return 24 * self.points.n_free if self.points else 0
+    @cached_property
+    def unknowns(self) -> Unknowns:
+        """The order of a vector over this rank's unknowns."""
+        return Unknowns(8 * self.points.n_free if self.points else 0, self.nodes.n_owned if self.nodes else 0)
 
     @property
     def n_unknowns(self) -> int:
         """Owned unknowns."""
-        return len(self.mass)
+        return self.unknowns.size
 
     @property
     def share(self) -> np.ndarray:
         """Part of each unknown on this side of mirror planes: 1/2 on one, 1/4 on two; float64, shape (n_unknowns,)."""
         planes = np.zeros(self.n_unknowns)
         planes[self.rollers] = 1.0
-        n = self.n_point_unknowns
-        planes[n:] = np.repeat(planes[n:].reshape(-1, 3).sum(axis=1), 3)
+        of_nodes = self.unknowns.of_nodes(planes)
+        of_nodes[:] = of_nodes.sum(axis=1)[:, None]
         return 0.5**planes
-
-
-def cluster_layout(rows: np.ndarray) -> np.ndarray:
-    """Rows of the eight points of each cell, (n_cells, 8, 3), as a flat array ``[cluster][component][lane]``."""
-    return np.ascontiguousarray(rows.reshape(-1, 2, W, 3).swapaxes(2, 3)).reshape(-1)
-
-
-def point_rows(flat: np.ndarray) -> np.ndarray:
-    """The inverse of `cluster_layout`: shape (n_points, 3)."""
-    return np.ascontiguousarray(flat.reshape(-1, 3, W).swapaxes(1, 2)).reshape(-1, 3)
 
 
 def build_model(

@@ -20,7 +20,8 @@ import numpy as np
 from pdfem_mpi.kernels.components import join_bonds, join_rows, spread_smallest
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mesh.rigid_motions import rigid_motions
-from pdfem_mpi.model.model import Model, cluster_layout, point_rows
+from pdfem_mpi.model.model import Model
+from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.parallel.comm import distinct, largest, sum_integers
 from pdfem_mpi.peridynamics.images import MAGNITUDES, SCALAR, halo_for
 
@@ -135,7 +136,7 @@ def find_loose(model: Model, parts: Parts, fixed: np.ndarray) -> tuple[Loose, ..
     ----------
     fixed : bool, shape (n_unknowns,)
     """
-    x, held = _positions(model), _rows(model, fixed)
+    x, held = _positions(model), model.unknowns.rows(fixed)
     ones = np.ones(len(x), bool)
     sums = _sums(model.comm, parts, ones, np.column_stack([np.ones(len(x)), x]))
     number, centre = sums[:, :1], sums[:, 1:] / sums[:, :1]
@@ -250,8 +251,7 @@ def without_equilibrium(model: Model, fixed: np.ndarray, external: np.ndarray) -
     wrong = [part for part, _, _ in _out_of_balance(model, parts, find_loose(model, parts, fixed), external)]
     rows = np.isin(parts.of, [part.part for part in wrong])
     rows = np.repeat(rows[:, None], 3, axis=1)
-    n = model.n_point_unknowns
-    return np.concatenate([cluster_layout(rows[: n // 3]), rows[n // 3 :].reshape(-1)]), wrong
+    return model.unknowns.join(rows), wrong
 
 
 def _out_of_balance(model: Model, parts: Parts, loose: tuple[Loose, ...], external: np.ndarray):
@@ -264,7 +264,7 @@ def _out_of_balance(model: Model, parts: Parts, loose: tuple[Loose, ...], extern
     if not loose:
         return []
     which, y = _within(model, parts, loose)
-    force = _rows(model, external)
+    force = model.unknowns.rows(external)
     modes = _modes(y)
     terms = modes * force[which >= 0][:, None]
     table = np.zeros((len(which), 12))
@@ -291,7 +291,7 @@ def settle(model: Model, parts: Parts, loose: tuple[Loose, ...], volume: np.ndar
         return
     which, y = _within(model, parts, loose)
     inside = which >= 0
-    weight, rows = _rows(model, volume)[inside, :1], _rows(model, u)
+    weight, rows = model.unknowns.rows(volume)[inside, :1], model.unknowns.rows(u)
     modes = _modes(y)
     table = np.zeros((len(which), 27))
     for column, (a, b) in enumerate(zip(*_PAIRS, strict=True)):
@@ -307,8 +307,7 @@ def settle(model: Model, parts: Parts, loose: tuple[Loose, ...], volume: np.ndar
         motion[k] = amounts @ part.motions
     for mode in range(6):
         rows[inside] -= motion[which[inside], mode, None] * modes[:, mode]
-    n = model.n_point_unknowns
-    u[:n], u[n:] = cluster_layout(rows[: n // 3]), rows[n // 3 :].reshape(-1)
+    u[:] = model.unknowns.join(rows)
 
 
 def describe_loose(parts: Parts, loose: tuple[Loose, ...]) -> list[str]:
@@ -329,7 +328,7 @@ def describe_motion(model: Model, motion: np.ndarray) -> str:
     motion : float64, shape (n_unknowns,), dimension length
         Of any size, such as a search direction that met no stiffness.
     """
-    rows, x = _rows(model, motion), _positions(model)
+    rows, x = model.unknowns.rows(motion), _positions(model)
     length = np.abs(rows).max(axis=1, initial=0.0)
     peak = float(largest(model.comm, np.array([length.max(initial=0.0)]))[0])
     if not 0.0 < peak < math.inf:
@@ -369,15 +368,8 @@ def _motion_names(motions: np.ndarray) -> str:
 
 
 def _positions(model: Model) -> np.ndarray:
-    n = model.n_point_unknowns
-    parts = [point_rows(model.points.x[:n])] if model.points else []
+    parts = [point_rows(model.unknowns.of_points(model.points.x))] if model.points else []
     return np.concatenate([*parts, *([model.nodes.x[: model.nodes.n_owned]] if model.nodes else [])])
-
-
-def _rows(model: Model, flat: np.ndarray) -> np.ndarray:
-    """A vector over the unknowns as rows of three, points by cluster and lane, then nodes."""
-    n = model.n_point_unknowns
-    return np.concatenate([point_rows(flat[:n]), flat[n:].reshape(-1, 3)])
 
 
 def _modes(y: np.ndarray) -> np.ndarray:
@@ -410,7 +402,7 @@ def _sums(comm, parts: Parts, chosen: np.ndarray, numbers: np.ndarray) -> np.nda
 
 def _texts(model: Model, parts: Parts) -> list[str]:
     """Size and place of each part. Collective."""
-    x, n = _positions(model), model.n_point_unknowns // 3
+    x, n = _positions(model), model.unknowns.n_points
     numbers = np.zeros((parts.count, 2), np.int64)
     np.add.at(numbers, (parts.of, (np.arange(len(x)) >= n).astype(int)), 1)
     numbers = sum_integers(model.comm, numbers)

@@ -144,6 +144,13 @@ def frame_fields(path: str | Path) -> list[str]:
         return sorted(file["VTKHDF/Steps/PointDataOffsets"])
 
 
+def read_times(path: str | Path) -> np.ndarray:
+    """Time (or load factor) of each frame, float64, shape (n_frames,)."""
+    with h5py.File(path, "r", locking=False) as file:
+        steps = file["VTKHDF/Steps"]
+        return steps["Values"][: int(steps.attrs["NSteps"])]
+
+
 def read_points(path: str | Path) -> np.ndarray:
     """Reference positions, float64, shape (n, 3)."""
     with h5py.File(path, "r", locking=False) as file:

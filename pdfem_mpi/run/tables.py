@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.model.model import Model, cluster_layout, point_rows
+from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import State
+from pdfem_mpi.model.unknowns import cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import broadcast, sum_integers
 from pdfem_mpi.parallel.slabs import gather_pairs, gather_slabs, scatter_slabs
 from pdfem_mpi.system import faults
@@ -83,15 +84,15 @@ def write_tables(
     writer : Writer or None
         Rank 0's, which keeps its errors to itself.
     """
-    n = model.n_point_unknowns
+    unknowns = model.unknowns
     for k, (name, values) in enumerate(fields.items()):
-        points = point_rows(values[:n]).reshape(-1, 8, 3)
+        points = point_rows(unknowns.of_points(values)).reshape(-1, 8, 3)
         for first, slab in gather_slabs(model.comm, layout.cells, points, layout.n_cells):
             if writer:
                 writer.write_rows(f"points/{name}", 8 * first, slab.reshape(-1, 3))
         if k == len(fields) // 2:
             faults.begin("write")
-        for first, slab in gather_slabs(model.comm, layout.nodes, values[n:].reshape(-1, 3), layout.n_nodes):
+        for first, slab in gather_slabs(model.comm, layout.nodes, unknowns.of_nodes(values), layout.n_nodes):
             if writer:
                 writer.write_rows(f"nodes/{name}", first, slab)
     done = 0
@@ -116,7 +117,7 @@ def read_fields(model: Model, layout: Layout, state: State, reader: Reader | Non
     OSError
         On all ranks.
     """
-    n = model.n_point_unknowns
+    unknowns = model.unknowns
     for name, values in state.fields.items():
 
         def points(first, last, name=f"points/{name}"):
@@ -126,8 +127,9 @@ def read_fields(model: Model, layout: Layout, state: State, reader: Reader | Non
             return reader.read_rows(name, first, last)
 
         rows = scatter_slabs(model.comm, layout.cells, layout.n_cells, points, np.empty((0, 8, 3)))
-        values[:n] = cluster_layout(rows)
-        values[n:] = scatter_slabs(model.comm, layout.nodes, layout.n_nodes, nodes, np.empty((0, 3))).reshape(-1)
+        unknowns.of_points(values)[:] = cluster_layout(rows)
+        rows = scatter_slabs(model.comm, layout.nodes, layout.n_nodes, nodes, np.empty((0, 3)))
+        unknowns.of_nodes(values)[:] = rows
 
 
 def read_broken(model: Model, reader: Reader | None) -> np.ndarray:

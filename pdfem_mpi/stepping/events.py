@@ -18,11 +18,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from pdfem_mpi.deck.scene import Events
-from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.model.forces import Forces, NotFinite
 from pdfem_mpi.model.loads import LoadCase, remove_rigid_motion, without_loads_on_loose_parts
 from pdfem_mpi.model.parts import NAMED
 from pdfem_mpi.model.state import State
+from pdfem_mpi.model.unknowns import by_component
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
@@ -417,7 +417,7 @@ class _Events:
 
     def _small_load(self) -> float:
         """A load factor at which strains are small, whatever the deck's loads are."""
-        case, x = self.case, self.model.points.x.reshape(-1, 3, W)
+        case, x = self.case, by_component(self.model.points.x)
         ends = np.stack([x.max(axis=(0, 2), initial=-np.inf), -x.min(axis=(0, 2), initial=np.inf)])
         size = float(largest(self.model.comm, ends).sum(axis=0).max())
         return SMALL_STRAIN / max(case.reach / size, case.load)

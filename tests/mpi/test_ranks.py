@@ -312,7 +312,7 @@ def test_masses_do_not_depend_on_the_number_of_ranks(comm):
     alone, ours = build(scene, mpi().COMM_SELF).model, build(scene, comm).model
 
     def by_number(model):
-        n = model.n_point_unknowns
+        n = 3 * model.unknowns.n_points
         cells = model.points.cell_number[: model.points.n_free]
         nodes = model.nodes.number[: model.nodes.n_owned]
         return dict(zip(cells, model.mass[:n].reshape(-1, 24).tolist(), strict=True)), dict(

@@ -26,8 +26,9 @@ from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.measure.fields import Fields, gather_fields, point_positions
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase, make_load_case
-from pdfem_mpi.model.model import Model, build_model, cluster_layout, point_rows
+from pdfem_mpi.model.model import Model, build_model
 from pdfem_mpi.model.state import State, new_state
+from pdfem_mpi.model.unknowns import cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run.run import run
 
@@ -125,7 +126,7 @@ class Body:
         """Unknowns that take the values of a function of positions, shape (n, 3) to (n, 3), model units."""
         model, parts = self.model, []
         if model.points:
-            x = model.points.x[: model.n_point_unknowns].reshape(-1, 3, 4).swapaxes(1, 2).reshape(-1, 3)
+            x = model.points.x[: 3 * model.unknowns.n_points].reshape(-1, 3, 4).swapaxes(1, 2).reshape(-1, 3)
             parts.append(cluster_layout(displacement(x)))
         if model.nodes:
             parts.append(displacement(model.nodes.x[: model.nodes.n_owned]).reshape(-1))

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from pdfem_mpi.kernels import surface_correction
-from pdfem_mpi.model.model import point_rows
+from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.peridynamics import bonds
 from verification.bodies import build, make_scene
 

@@ -13,8 +13,9 @@ from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model.loads import remove_rigid_motion
-from pdfem_mpi.model.model import build_model, cluster_layout
+from pdfem_mpi.model.model import build_model
 from pdfem_mpi.model.state import new_state
+from pdfem_mpi.model.unknowns import cluster_layout
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.peridynamics.fit import equations as bond_factors
 from pdfem_mpi.peridynamics.fit import fit as body_fit

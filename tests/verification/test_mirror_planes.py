@@ -97,7 +97,7 @@ def positions(body):
 
 def rows(body, flat):
     """A vector over the unknowns as one row a point or node."""
-    n = body.model.n_point_unknowns
+    n = 3 * body.model.unknowns.n_points
     points = flat[:n].reshape(-1, 3, 4).swapaxes(1, 2).reshape(-1, 3)
     return np.concatenate([points, flat[n:].reshape(-1, 3)])
 

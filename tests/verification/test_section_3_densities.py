@@ -61,7 +61,7 @@ def test_every_model_is_stable(cells, n_elements, options):
 def test_masses_of_the_overlap_are_not_wasteful(coupling):
     """Nodes of the overlap may carry no more than the limit asks for: a vector on them alone passes 1/4 of it."""
     body = build(make_scene((8, 4, 4), 4, coupling=coupling))
-    n = body.model.n_point_unknowns
+    n = 3 * body.model.unknowns.n_points
     number = np.unique(body.model.overlap.connectivity)
     on_overlap = np.zeros(body.model.n_unknowns, bool)
     on_overlap[n:].reshape(-1, 3)[number] = True

@@ -16,7 +16,8 @@ from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.kernels.preconditioner import add_block_products, interpolate_to_points, restrict_points
 from pdfem_mpi.model.forces import Bounds, Forces
 from pdfem_mpi.model.loads import LoadCase
-from pdfem_mpi.model.model import Model, build_intact_elements, local_nodes, point_rows
+from pdfem_mpi.model.model import Model, build_intact_elements, local_nodes
+from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.peridynamics.bonds import pattern_for
 from pdfem_mpi.peridynamics.failure import Broken
@@ -82,21 +83,23 @@ class Preconditioner:
         z : float64, shape (n_unknowns,), dimension length
             Overwritten; 0 on fixed unknowns.
         """
-        n, nodes = self.model.n_point_unknowns, self.forces.model.nodes
+        unknowns, nodes = self.model.unknowns, self.forces.model.nodes
         quantum, _ = pattern_for(64.0 * size)
         sums = np.zeros((len(nodes.number), 3), np.int64)
-        restrict_points(self.cells, r[:n], quantum, sums)
-        sums[self.own_nodes] += np.rint(r[n:].reshape(-1, 3) / quantum).astype(np.int64)
+        restrict_points(self.cells, unknowns.of_points(r), quantum, sums)
+        sums[self.own_nodes] += np.rint(unknowns.of_nodes(r) / quantum).astype(np.int64)
         nodes.halo.scatter_reverse(sums)
         right = (sums[: nodes.n_owned] * quantum).reshape(-1)
         right[self.fixed] = 0.0
         correction = np.zeros((len(nodes.number), 3))
         correction[: nodes.n_owned] = self._cycle(right, quantum).reshape(-1, 3)
         nodes.halo.scatter_forward(correction)
-        interpolate_to_points(self.cells, correction, z[:n])
-        z[n:] = correction[self.own_nodes].reshape(-1)
-        add_block_products(True, self.blocks[: n // 3], OMEGA, r[:n], z[:n])
-        add_block_products(False, self.blocks[n // 3 :], OMEGA, r[n:], z[n:])
+        interpolate_to_points(self.cells, correction, unknowns.of_points(z))
+        unknowns.of_nodes(z)[:] = correction[self.own_nodes]
+        n = unknowns.n_points
+        add_block_products(True, self.blocks[:n], OMEGA, unknowns.of_points(r), unknowns.of_points(z))
+        of_nodes = (unknowns.of_nodes(vector).reshape(-1) for vector in (r, z))
+        add_block_products(False, self.blocks[n:], OMEGA, *of_nodes)
 
     def soften(self, broken: Broken) -> None:
         """Renew the blocks of points that lost bonds; nodes of the overlap keep theirs. Collective."""
@@ -134,7 +137,7 @@ def make_preconditioner(
     intact = build_intact_elements(discretization, model)
     local = local_nodes(discretization, intact.subdomain)
     cells = discretization.mesh.cells
-    n = model.n_point_unknowns
+    unknowns = model.unknowns
     of_points = values = None
     blocks, around, held = [], np.empty((0, 8), np.int32), np.zeros((len(intact.nodes.number), 3), np.int64)
     limit, modulus = np.empty(0), discretization.youngs_modulus
@@ -142,15 +145,15 @@ def make_preconditioner(
         of_points = point_blocks(model)
         values = of_points.values()
         owned = np.concatenate([model.subdomain.free, model.subdomain.overlap])
-        limit = softest(model.comm, values, np.repeat(modulus[owned], 8))[: n // 3]
-        blocks.append(inverted(values[: n // 3], point_rows(case.fixed[:n]), limit))
+        limit = softest(model.comm, values, np.repeat(modulus[owned], 8))[: unknowns.n_points]
+        blocks.append(inverted(values[: unknowns.n_points], point_rows(unknowns.of_points(case.fixed)), limit))
         around = np.ascontiguousarray(local[cells[model.subdomain.free]])
         # the nodes around fixed points do not move either
-        fixed_points = point_rows(case.fixed[:n]).reshape(-1, 8, 3).any(axis=1)
+        fixed_points = point_rows(unknowns.of_points(case.fixed)).reshape(-1, 8, 3).any(axis=1)
         np.add.at(held, around.reshape(-1), np.repeat(fixed_points, 8, axis=0))
     own_nodes = np.empty(0, np.int32)
     if model.nodes:
-        fixed_nodes = case.fixed[n:].reshape(-1, 3)
+        fixed_nodes = unknowns.of_nodes(case.fixed)
         own = model.subdomain.owned_nodes
         of_nodes = node_blocks(model, values)
         stiffest = _stiffest_around(discretization, discretization.has_nodes)[own]
@@ -168,7 +171,7 @@ def make_preconditioner(
     return Preconditioner(
         model=model,
         of_points=of_points,
-        fixed_points=point_rows(case.fixed[:n]),
+        fixed_points=point_rows(unknowns.of_points(case.fixed)),
         softest=limit,
         blocks=np.concatenate(blocks),
         forces=cycle_forces,

@@ -10,7 +10,8 @@ from pdfem_mpi.deck.toml import DeckError, parse_deck, write_deck
 from pdfem_mpi.kernels.surface_correction import INFINITE_RESPONSE
 from pdfem_mpi.measure.bar import bar_results, measure_bar
 from pdfem_mpi.model import model as model_module
-from pdfem_mpi.model.model import build_intact_elements, point_rows
+from pdfem_mpi.model.model import build_intact_elements
+from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.peridynamics.bonds import count_by_material
 from pdfem_mpi.peridynamics.failure import UNBREAKABLE, critical_stretches
 from pdfem_mpi.solvers.preconditioner import blocks
@@ -267,7 +268,7 @@ def test_grid_stiffness_of_two_materials(contrast):
 def test_a_soft_material_is_not_held_still():
     """A block is soft by its own material's measure: 1e-5 of a contrast is no missing stiffness."""
     body = build(scene_of(1e-5), loaded=False)
-    n = body.model.n_point_unknowns // 3
+    n = body.model.unknowns.n_points
     values = blocks.point_blocks(body.model).values()
     modulus = np.repeat(body.discretization.youngs_modulus[body.model.subdomain.free], 8)
     limit = blocks.softest(body.model.comm, values, modulus)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pdfem_mpi.kernels import families, hex8
-from pdfem_mpi.model.model import cluster_layout
+from pdfem_mpi.model.unknowns import cluster_layout
 from pdfem_mpi.peridynamics.bonds import RESPONSE_CONSTANT, Bonds, Points, find_bonds
 
 CUTOFF = 2.5 * (1 + families.CUTOFF_GUARD)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.deck.scene import Crack, polygon_normal
-from pdfem_mpi.model.model import point_rows
+from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.peridynamics.bonds import cut_bonds, total_bonds
 from verification.bodies import build, make_scene
 

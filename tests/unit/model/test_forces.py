@@ -5,7 +5,7 @@ import pytest
 
 from pdfem_mpi.kernels.finite_elements import element_stiffness
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_positions
-from pdfem_mpi.model.model import cluster_layout, point_rows
+from pdfem_mpi.model.unknowns import cluster_layout, point_rows
 from verification.bodies import build, make_scene
 
 # Stored numbers of bonds are in single precision, 2**-24 each; a point's force is the small difference of large ones
@@ -49,7 +49,7 @@ def bond_forces(x, w, u, kinematics):
 def expected_forces(body, u, kinematics):
     """All internal forces of a model on one rank, eqs 2-4, 14-16, 25 and 26, in model units."""
     model, discretization = body.model, body.discretization
-    n = model.n_point_unknowns
+    n = 3 * model.unknowns.n_points
     mesh, nodes = discretization.mesh, discretization.nodes
     on_nodes, u_nodes = np.zeros_like(nodes), np.zeros_like(nodes)
     u_nodes[discretization.node_number >= 0] = u[n:].reshape(-1, 3)
@@ -134,7 +134,7 @@ def test_forces_do_not_depend_on_what_was_evaluated_before(name, kinematics):
 def test_one_description_at_rest(name, at_rest):
     """Forces of the other one are exact however small the differences of displacements are in the first."""
     body = body_of(name)
-    n = body.model.n_point_unknowns
+    n = 3 * body.model.unknowns.n_points
     u = random_displacements(body)
     u[slice(0, n) if at_rest == "points" else slice(n, None)] = 0.0
     expected = expected_forces(body, u, "linear")

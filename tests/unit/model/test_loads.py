@@ -44,7 +44,7 @@ def refused(body, loads=(), supports=(), **options):
 def on_nodes(body, vector):
     """Part of a vector over the unknowns that belongs to nodes, with their positions in the deck's units."""
     units = body.model.units
-    return vector[body.model.n_point_unknowns :].reshape(-1, 3), body.model.nodes.x * units.length + units.origin
+    return vector[3 * body.model.unknowns.n_points :].reshape(-1, 3), body.model.nodes.x * units.length + units.origin
 
 
 def total_force(body):
@@ -135,7 +135,7 @@ def test_density_times_volume_is_the_total(body):
 def test_body_force_on_a_region():
     """Points of the region share it; those of the overlap and the elements get none."""
     body = loaded(COUPLED, [push((0.0, 24.0, 0.0), region="bonds")])
-    n = body.model.n_point_unknowns
+    n = 3 * body.model.unknowns.n_points
     np.testing.assert_allclose(
         body.case.external[:n].reshape(-1, 3, 4)[:, 1] * body.model.units.force, 24.0 / 96, rtol=ROUND_OFF
     )
@@ -242,7 +242,7 @@ def test_support_on_a_face_takes_nodes_of_elements_and_layers_of_points():
     body = loaded(COUPLED, supports=[Support(face="y-", y=0.0), HOLD])
     nodes, x = on_nodes(body, body.case.fixed)
     np.testing.assert_array_equal(nodes[:, 1], np.isclose(x[:, 1], 0.0) | np.isclose(x[:, 0], 0.0))
-    points = body.case.fixed[: body.model.n_point_unknowns].reshape(-1, 3, 4)
+    points = body.case.fixed[: 3 * body.model.unknowns.n_points].reshape(-1, 3, 4)
     assert np.count_nonzero(points[:, 1]) == 8 * 3 * 2  # one layer: 3 x 2 cells
     assert not points[:, [0, 2]].any()
 
@@ -250,7 +250,7 @@ def test_support_on_a_face_takes_nodes_of_elements_and_layers_of_points():
 def test_prescribed_displacements_are_those_of_the_deck():
     body = loaded(COUPLED, supports=[Support(face="x+", layers=2, x=0.25), HOLD])
     case, length = body.case, body.model.units.length
-    points = slice(0, body.model.n_point_unknowns)
+    points = slice(0, 3 * body.model.unknowns.n_points)
     assert np.count_nonzero(case.fixed[points]) == 2 * 4 * 8
     np.testing.assert_array_equal(case.prescribed[points][case.fixed[points]] * length, 0.25)
     assert not case.prescribed[~case.fixed].any()

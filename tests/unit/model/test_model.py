@@ -5,7 +5,7 @@ import pytest
 
 from pdfem_mpi.kernels.finite_elements import element_stiffness
 from pdfem_mpi.model import model as model_module
-from pdfem_mpi.model.model import cluster_layout, point_rows
+from pdfem_mpi.model.unknowns import cluster_layout, point_rows
 from verification.bodies import build, make_scene
 
 ROUND_OFF = 1e-12  # of sums of some hundred terms of one sign
@@ -31,8 +31,8 @@ def test_cluster_layout_is_cluster_component_lane():
 
 def test_unknowns_are_free_points_then_owned_nodes():
     model = build(make_scene((5, 2, 2), 3), loaded=False).model
-    assert model.n_point_unknowns == 2 * 4 * 24
-    assert model.n_unknowns == model.n_point_unknowns + 3 * 4 * 9
+    assert 3 * model.unknowns.n_points == 2 * 4 * 24
+    assert model.n_unknowns == 3 * model.unknowns.n_points + 3 * 4 * 9
     assert (model.points.n_free, model.points.n_owned) == (8, 12)
 
 
@@ -91,7 +91,7 @@ def test_masses_of_overlap_nodes_are_lumped_densities():
     coupled = build(make_scene((4, 2, 2), 2)).model
     every = build(make_scene((4, 2, 2), 2, coupling="paper_a")).model
     elements = build(make_scene((4, 2, 2), 4)).model
-    n = coupled.n_point_unknowns
+    n = 3 * coupled.unknowns.n_points
     of_b, of_a = (model.mass[n:].reshape(3, 3, 3, 3) for model in (coupled, every))  # z, y, x, component
     whole = elements.mass.reshape(3, 3, 5, 3)
     # the last plane of nodes belongs to overlap elements only; reading A adds what their elements have there

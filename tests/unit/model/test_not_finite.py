@@ -10,7 +10,7 @@ import pytest
 from pdfem_mpi.deck.scene import Solver
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.model.forces import NotFinite
-from pdfem_mpi.model.model import cluster_layout, point_rows
+from pdfem_mpi.model.unknowns import cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run.run import run
 from pdfem_mpi.stepping import make_solver
@@ -34,7 +34,7 @@ def solve(body, watch=lambda progress: None):
 
 def at_point(body, i):
     """Index of the y component of local point i among the unknowns, and the sentence's words for it."""
-    rows = np.zeros((body.model.n_point_unknowns // 3, 3))
+    rows = np.zeros((body.model.unknowns.n_points, 3))
     rows[i, 1] = 1.0
     number = 8 * body.model.points.cell_number[i // 8] + i % 8
     x = point_rows(body.model.points.x)[i]
@@ -42,7 +42,7 @@ def at_point(body, i):
 
 
 def at_node(body, i):
-    return body.model.n_point_unknowns + 3 * i + 1, "node", body.model.nodes.number[i], body.model.nodes.x[i]
+    return 3 * body.model.unknowns.n_points + 3 * i + 1, "node", body.model.nodes.number[i], body.model.nodes.x[i]
 
 
 def words(body, kind, number, x):

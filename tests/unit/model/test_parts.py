@@ -13,7 +13,7 @@ from pdfem_mpi.mesh import generators
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import parts as components
 from pdfem_mpi.model.loads import remove_rigid_motion
-from pdfem_mpi.model.model import point_rows
+from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run.run import run
 from pdfem_mpi.solvers.convergence import NotConverged
@@ -179,7 +179,7 @@ def test_settling_takes_out_motions_and_leaves_strains():
     def rigid(shift, spin):
         return body.of_positions(lambda x: shift + np.cross(spin, x))
 
-    n = body.model.n_point_unknowns
+    n = 3 * body.model.unknowns.n_points
     of_points = np.repeat((body.case.parts.of[: n // 3] == 1).reshape(-1, 1, 4), 3, axis=1).reshape(-1)
     of_far = np.concatenate([of_points, np.repeat(body.case.parts.of[n // 3 :] == 1, 3)])
     moved += np.where(of_far, rigid([0.2, -0.1, 0.3], [0.1, 0.0, -0.2]), rigid([-0.3, 0.0, 0.1], [0.0, 0.2, 0.1]))

@@ -139,7 +139,7 @@ def test_node_that_is_not_finite_is_named_with_its_place(value):
 def test_node_of_the_overlap_that_is_not_finite_is_named():
     """The node is named, not the points that follow it."""
     body = body_of("coupled")
-    body.state.u[body.model.n_point_unknowns + 3 * 4] = math.nan
+    body.state.u[3 * body.model.unknowns.n_points + 3 * 4] = math.nan
     with pytest.raises(NotFinite, match=r"node 4 at \(4, 0, 0\)"):
         relax(body, max_evaluations=20)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.deck.scene import BodyForce, Crack, Support
-from pdfem_mpi.model.model import point_rows
+from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.kernels.bond_factors import MONOMIALS, MULTIPLICITY, N
-from pdfem_mpi.model.model import point_rows
+from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.peridynamics.bonds import RESPONSE_CONSTANT
 from pdfem_mpi.peridynamics.fit.dissection import count_entries
 from pdfem_mpi.peridynamics.fit.equations import HELD

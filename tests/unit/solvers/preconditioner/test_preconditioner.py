@@ -92,7 +92,7 @@ def test_it_bounds_the_spectrum(body):
 def test_point_blocks_are_the_diagonal_of_the_stiffness():
     """Each block against the force of a unit displacement of its point or node."""
     body = build(make_scene((6, 3, 2), 3, correction="appendix_a"))
-    model, n = body.model, body.model.n_point_unknowns
+    model, n = body.model, 3 * body.model.unknowns.n_points
     of_points = point_blocks(model).values()
     blocks = np.concatenate([of_points[: n // 3], node_blocks(model, of_points)])
     pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
