@@ -1,0 +1,209 @@
+"""A run folder read back: what a run tells, as numpy arrays. The one reader of summaries and histories."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pdfem_mpi.results import vtkhdf
+
+#: The column of history.csv that holds words; all others are numbers.
+WORDS = "event"
+#: Of these one at least is in every run folder.
+MARKS = ("summary.json", "history.csv", "checkpoints", "run.log")
+
+
+def read_summary(folder: str | Path) -> dict[str, Any] | None:
+    """The content of a folder's summary.json, None where there is none that can be read."""
+    try:
+        content = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return content if isinstance(content, dict) else None
+
+
+def read_history(path: str | Path) -> dict[str, np.ndarray]:
+    """The columns of a history.csv: float64 with NaN where a field is empty, and words in the column ``event``.
+
+    Raises
+    ------
+    OSError, ValueError
+        The file cannot be read, or a field is no number.
+    """
+    with open(path, newline="", encoding="utf-8") as file:
+        reader = csv.DictReader(file)
+        rows = list(reader)
+        names = reader.fieldnames or ()
+    return {
+        name: np.array([row[name] for row in rows], str)
+        if name == WORDS
+        else np.array([float(row[name]) if row[name] else np.nan for row in rows])
+        for name in names
+    }
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Fields over the load program at the points, or at the nodes, of the body.
+
+    Fields are stored in single precision, places and load factors in double precision.
+
+    Attributes
+    ----------
+    path : Path
+        A file of the kind that ParaView reads.
+    """
+
+    path: Path
+
+    @cached_property
+    def positions(self) -> np.ndarray:
+        """Reference positions, float64, shape (n, 3), dimension length."""
+        return vtkhdf.read_points(self.path)
+
+    @property
+    def load_factors(self) -> np.ndarray:
+        """Load factor of each frame, float64, shape (n_frames,)."""
+        return vtkhdf.read_times(self.path)
+
+    @property
+    def names(self) -> list[str]:
+        """What the frames hold, such as ``displacement`` and ``damage``."""
+        return vtkhdf.frame_fields(self.path)
+
+    def field(self, name: str, frame: int = -1) -> np.ndarray:
+        """A field of one frame; negative frames count from the last.
+
+        Parameters
+        ----------
+        name : str
+            One of `names`.
+
+        Returns
+        -------
+        float32, shape (n,) or (n, k)
+
+        Raises
+        ------
+        KeyError
+            The frames hold no such field.
+        IndexError
+            There is no such frame.
+        """
+        count = vtkhdf.frames(self.path)
+        if not -count <= frame < count:
+            raise IndexError(f"{self.path} has {count} frames, and no frame {frame}.")
+        if name not in self.names:
+            raise KeyError(f"{self.path} holds {', '.join(self.names)}, and no {name}.")
+        return vtkhdf.read_frame(self.path, name, frame % count)
+
+    def displacement(self, frame: int = -1) -> np.ndarray:
+        """Displacements of a frame, float32, shape (n, 3), dimension length."""
+        return self.field("displacement", frame)
+
+    def damage(self, frame: int = -1) -> np.ndarray:
+        """Local damage (eq. 5) of a frame, float32, shape (n,); written where the deck has ``output.damage = true``."""
+        return self.field("damage", frame)
+
+
+class RunFolder:
+    """The folder that a run wrote; nothing is read before it is asked for.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    FileNotFoundError
+        The folder is not that of a run.
+
+    Examples
+    --------
+    >>> folder = pdfem_mpi.open_run("runs/plate_cutout")       # doctest: +SKIP
+    >>> folder.reaction.max(), folder.history["broken_bonds"][-1]
+    >>> folder.points.displacement(-1), folder.damage
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        if not any((self.path / name).exists() for name in MARKS):
+            raise FileNotFoundError(f"{self.path} is not the folder of a run: it has none of {', '.join(MARKS)}.")
+
+    def __repr__(self) -> str:
+        return f"RunFolder({str(self.path)!r})"
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The content of summary.json: status, counts, probes, times, memory.
+
+        Raises
+        ------
+        FileNotFoundError
+            The run has not ended yet, or was killed.
+        """
+        content = read_summary(self.path)
+        if content is None:
+            raise FileNotFoundError(f"{self.path} has no summary.json that can be read: the run has not ended.")
+        return content
+
+    @property
+    def history(self) -> dict[str, np.ndarray]:
+        """The columns of history.csv, each of shape (n_rows,); NaN where a field is empty."""
+        return read_history(self.path / "history.csv")
+
+    @property
+    def reaction(self) -> np.ndarray:
+        """The scalar force that falls when the body fails, float64, shape (n_rows,)."""
+        return self.history["reaction"]
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """The displacement that goes with `reaction`, float64, shape (n_rows,)."""
+        return self.history["displacement"]
+
+    @property
+    def points(self) -> Frames | None:
+        """Fields at the peridynamic points; None where the run wrote none."""
+        return self._frames("points.vtkhdf")
+
+    @property
+    def nodes(self) -> Frames | None:
+        """Fields at the nodes of elements; None where the run wrote none."""
+        return self._frames("elements.vtkhdf")
+
+    @property
+    def damage(self) -> np.ndarray | None:
+        """Local damage of the points in the last frame, float32, shape (n_points,); None where none was written."""
+        points = self.points
+        return points.damage() if points and "damage" in points.names else None
+
+    def line(self, name: str) -> dict[str, np.ndarray]:
+        """The columns of a line probe's file, float64; words in the column ``model``.
+
+        Raises
+        ------
+        FileNotFoundError
+            The run has no such line.
+        """
+        path = self.path / "lines" / f"{name}.csv"
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            rows = list(reader)
+            names = reader.fieldnames or ()
+        return {
+            column: np.array([row[column] for row in rows], str)
+            if column == "model"
+            else np.array([float(row[column]) if row[column] else np.nan for row in rows])
+            for column in names
+        }
+
+    def _frames(self, name: str) -> Frames | None:
+        path = self.path / name
+        return Frames(path) if path.exists() else None
