@@ -50,12 +50,13 @@ from pdfem_mpi.restart import (
     take_over,
 )
 from pdfem_mpi.restart import FOLDER as CHECKPOINTS
-from pdfem_mpi.results.cursor import continue_frames, continue_history, flushed, set_aside
+from pdfem_mpi.results.cursor import continue_frames, continue_history, flushed, set_aside, unchecked
 from pdfem_mpi.results.files import replacing
+from pdfem_mpi.results.frame_digest import FrameDigest
 from pdfem_mpi.results.lines import write_line
 from pdfem_mpi.results.lock import Lock, Locked
 from pdfem_mpi.results.log import RunLog
-from pdfem_mpi.results.summary import write_summary
+from pdfem_mpi.results.summary import sealed, write_summary
 from pdfem_mpi.scene import BarProbe, DisplacementProbe, FileMesh, LineProbe, Scene, SceneError, Steps
 from pdfem_mpi.solvers.convergence import NotConverged, Progress
 from pdfem_mpi.solvers.stability import smallest_eigenvalue
@@ -252,7 +253,7 @@ class _Run:
         self.overwrite, self.reporter, self.ways = overwrite, reporter, ways
         self.seconds: dict[str, float] = {}
         self.lock: Lock | None = None
-        self.frame_files: list[str] = []
+        self.frame_files: dict[str, FrameDigest] = {}
         self.energy_error: float | None = None
         self.smallest_eigenvalue: float | None = None
         self.stable: bool | None = None
@@ -288,6 +289,7 @@ class _Run:
             return None, (EXIT_NOT_WRITTEN, str(error))
         except Refused as error:
             return None, (error.code, str(error))
+        start.notes += unchecked(start.results)
         if self.lock.note:
             start.notes.insert(0, self.lock.note)
         return start, None
@@ -419,7 +421,7 @@ class _Run:
                 code, reason, counts, model, evaluations, phases, memory, loads, discretization, by_material, state,
                 keeper, fields_sha256(fields) if fields else digest,
             )
-        on_root(comm, lambda: write_summary(self.out / "summary.json", summary))
+        on_root(comm, lambda: write_summary(self.out / "summary.json", sealed(summary, self.out)))
         if comm.rank == 0:
             self.reporter.table(scene.title or self.out.name, _end_table(summary, scene))
             self.reporter.table("memory: what was allocated, and what was left out", table_of(summary))
@@ -471,11 +473,13 @@ class _Run:
             from pdfem_mpi.results import vtkhdf
 
             def is_new(name):
-                self.frame_files.append(name)
                 if start.other_fields:
                     set_aside(out / name, "output was changed", note, "before")
                 cursor = None if start.other_fields else start.results.get(name)
-                return cursor is None or not continue_frames(out / name, cursor, note)
+                digest = None if cursor is None else continue_frames(out / name, cursor, note)
+                if digest:
+                    self.frame_files[name] = digest
+                return digest is None
 
             attributes = {"pdfem_mpi_version": __version__, "deck_sha256": _sha256(self.deck_text)}
             if discretization.has_points.any():
@@ -490,6 +494,7 @@ class _Run:
                         data | {"overlap": overlap},
                         attributes=attributes,
                     )
+                    self.frame_files["points.vtkhdf"] = vtkhdf.digest_of(out / "points.vtkhdf")
                 frames.append(("points.vtkhdf", lambda fields: fields.u_points))
             if discretization.has_nodes.any():
                 carrying = discretization.node_number >= 0
@@ -506,6 +511,7 @@ class _Run:
                         },
                         attributes=attributes,
                     )
+                    self.frame_files["elements.vtkhdf"] = vtkhdf.digest_of(out / "elements.vtkhdf")
                 frames.append(("elements.vtkhdf", lambda fields: fields.u_nodes))
 
         def write(columns: dict[str, Any], fields: Fields, damage: np.ndarray | None) -> None:
@@ -514,7 +520,7 @@ class _Run:
                 arrays = {"displacement": pick(fields)}
                 if damage is not None and name == "points.vtkhdf":
                     arrays["damage"] = damage
-                vtkhdf.append_frame(out / name, columns["load_factor"], arrays)
+                vtkhdf.append_frame(out / name, columns["load_factor"], arrays, digest=self.frame_files[name])
 
         return write
 
