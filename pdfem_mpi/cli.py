@@ -26,6 +26,7 @@ import typer
 import typer.main
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from pdfem_mpi import __version__, launch
 from pdfem_mpi.deck import DeckError, parse_deck, read_deck, read_text, write_deck
@@ -171,6 +172,9 @@ def remaining(seconds: float, first: float, best: float, tolerance: float) -> st
 
 def main() -> None:
     """Run the command line and exit with its code."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")  # a title that the terminal cannot show must not end a run
     try:
         code = typer.main.get_command(app)(standalone_mode=False, prog_name="pdfem")
     except ClickException as error:
@@ -378,17 +382,21 @@ def plot(
     launch.prepare_environment()
     from pdfem_mpi.run import draw_run
 
+    missing: list[str] = []
     try:
         scene = read_deck(folder / "deck.toml")
-        drawn = draw_run(folder, scene, film)
+        drawn = draw_run(folder, scene, missing.append, film)
     except DeckError as error:
         raise _fail(error.messages, 0) from None
     except OSError as error:
         raise _fail([f"pdfem: {error.filename}: cannot be read or written ({error.strerror})."], 0) from None
-    if not drawn:
-        raise _fail([f"pdfem: {folder} has no history of broken bonds to draw."], 0)
     for path in drawn:
         print(path)
+    if missing:
+        _print_problems([f"pdfem: {text}." for text in missing], 0)
+        return EXIT_NOT_WRITTEN
+    if not drawn:
+        raise _fail([f"pdfem: {folder} has no history of broken bonds to draw."], 0)
     if film and not any(path.suffix == ".gif" for path in drawn):
         raise _fail([f"pdfem: {folder} has no damage to film. Run the deck with --set output.damage=true."], 0)
     return 0
@@ -631,9 +639,10 @@ def _writable(folder: Path, problems: list[str]) -> str:
 
 
 def _print_table(title: str, rows: Iterable[tuple[str, Any]]) -> None:
-    table = Table(title=title, title_justify="left", show_header=False)
+    """Print a table; titles, names and units of a deck are texts, whatever marks of a terminal they look like."""
+    table = Table(title=Text(title), title_justify="left", show_header=False)
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     for name, value in rows:
-        table.add_row(str(name), f"{value:,}" if isinstance(value, int) else str(value))
-    Console().print(table)
+        table.add_row(Text(str(name)), Text(f"{value:,}" if isinstance(value, int) else str(value)))
+    Console(markup=False, emoji=False, highlight=False).print(table)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import math
 import os
 import platform
 import shutil
 import sys
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -53,6 +54,7 @@ from pdfem_mpi.restart import FOLDER as CHECKPOINTS
 from pdfem_mpi.results.cursor import continue_frames, continue_history, flushed, set_aside, unchecked
 from pdfem_mpi.results.files import replacing
 from pdfem_mpi.results.frame_digest import FrameDigest
+from pdfem_mpi.results.labels import attempt
 from pdfem_mpi.results.lines import write_line
 from pdfem_mpi.results.lock import Lock, Locked
 from pdfem_mpi.results.log import RunLog
@@ -99,11 +101,14 @@ class Reporter(Protocol):
         """Print the table at the end."""
 
 
-def draw_run(folder: Path, scene: Scene, film: bool = False) -> list[Path]:
-    """Draw the figures of a run with failure from its result files, on this rank alone; the paths drawn."""
+def draw_run(folder: Path, scene: Scene, warn: Callable[[str], None], film: bool = False) -> list[Path]:
+    """Draw the figures of a run with failure from its result files, on this rank alone; the paths drawn.
+
+    ``warn`` hears of figures that could not be drawn.
+    """
     from pdfem_mpi.results.failure_plots import draw_failure
 
-    return draw_failure(folder, scene.title, scene.units.length, scene.units.force, film)
+    return draw_failure(folder, scene.title, scene.units.length, scene.units.force, film, warn=warn)
 
 
 def warm_up(comm, features: Collection[str] | None = None) -> None:
@@ -413,7 +418,7 @@ class _Run:
         with _phase(self.seconds, "output"):
             if code != EXIT_STOPPED:  # who stops a run is in a hurry
                 on_root(comm, self._write_lines)
-                on_root(comm, self._draw)
+                on_root(comm, lambda: attempt(self._draw, self.out / "figures", self._warn))
         self.seconds["total"] = perf_counter() - self.started
         summary = None
         if comm.rank == 0:
@@ -549,18 +554,21 @@ class _Run:
             u = [values if known else None for values, known in zip(line.displacement, inside, strict=True)]
             write_line(self.out / "lines" / f"{name}.csv", zip(line.distance, line.position, u, line.kind, strict=True))
 
+    def _warn(self, text: str) -> None:
+        self.reporter.line(f"warning: {text}")
+
     def _draw(self) -> None:
         if not self.scene.output.figures:
             return
         if int((self.history.last() or {}).get("broken_bonds") or 0):
-            draw_run(self.out, self.scene)
+            draw_run(self.out, self.scene, self._warn)
         if not (self.bar or self.lines):
             return
         from pdfem_mpi.results import plots
 
         (self.out / "figures").mkdir(exist_ok=True)
         if self.bar:
-            self._draw_bar(plots)
+            attempt(lambda: self._draw_bar(plots), self.out / "figures" / "axial_displacement.png", self._warn)
         for name, line in self.lines.items():
             moving = np.flatnonzero(np.ptp(line.position, axis=0) > 0.0)
             on_axis = len(moving) == 1
@@ -573,7 +581,8 @@ class _Run:
                 f"line {name}" + (f": {', '.join(fixed)}" if on_axis else ""),
             )
             path = self.out / "figures" / f"line_{name}.png"
-            plots.displacement_along_line(path, samples, self.scene.title, self.scene.units.length)
+            texts = self.scene.title, self.scene.units.length
+            attempt(functools.partial(plots.displacement_along_line, path, samples, *texts), path, self._warn)
 
     def _draw_bar(self, plots) -> None:
         axis = next(probe.axis for probe in self.scene.probes if isinstance(probe, BarProbe))
