@@ -30,6 +30,7 @@ from rich.text import Text
 
 from pdfem_mpi import __version__, launch
 from pdfem_mpi.deck import DeckError, parse_deck, read_deck, read_text, write_deck
+from pdfem_mpi.limits import shared_memory_problem
 from pdfem_mpi.scene import Scene, SceneError
 from pdfem_mpi.signals import Requests
 
@@ -211,6 +212,8 @@ def _fail(messages: Iterable[str], rank: int) -> typer.Exit:
 def _start_world(ranks: int | None) -> Any:
     """Initialise MPI, guard against a launcher of another library, and return the communicator."""
     launch.prepare_environment()
+    if problem := _shared_memory_problem():
+        raise _fail([f"pdfem: {problem}"], launch.rank_by_launcher())
     from pdfem_mpi.parallel import comm as parallel
 
     try:
@@ -238,6 +241,15 @@ def _start_world(ranks: int | None) -> Any:
             comm.rank,
         )
     return comm
+
+
+def _shared_memory_problem() -> str | None:
+    """Too little of it ends MPI's start in a bus error; Open MPI makes do with other places."""
+    variable = launch.launcher_variable()
+    if variable is None:
+        return shared_memory_problem(1)
+    here = os.environ.get("MPI_LOCALNRANKS", "")  # MPICH's launcher tells
+    return shared_memory_problem(int(here), started=True) if here.isdigit() and int(here) else None
 
 
 def _read_scene(deck: Path, overrides: list[str], comm: Any) -> Scene:
@@ -315,6 +327,8 @@ def _run(deck, ranks, overrides, folder, overwrite, max_hours, ways) -> int:
         try:
             read_deck(deck, overrides)  # problems show before any rank starts
             plan = launch.plan_launch(ranks, sys.argv[1:])
+            if not launch.is_open_mpi(plan.command[0]) and (problem := shared_memory_problem(ranks)):
+                raise launch.LaunchError(problem)
             print(plan.line, flush=True)
             launch.become(plan)
         except DeckError as error:

@@ -426,6 +426,8 @@ class _Run:
                 code, reason, counts, model, evaluations, phases, memory, loads, discretization, by_material, state,
                 keeper, fields_sha256(fields) if fields else digest,
             )
+        if code == EXIT_FINISHED:
+            on_root(comm, self._remove_stacks)
         on_root(comm, lambda: write_summary(self.out / "summary.json", sealed(summary, self.out)))
         if comm.rank == 0:
             self.reporter.table(scene.title or self.out.name, _end_table(summary, scene))
@@ -553,6 +555,11 @@ class _Run:
             inside = line.kind != ""
             u = [values if known else None for values, known in zip(line.displacement, inside, strict=True)]
             write_line(self.out / "lines" / f"{name}.csv", zip(line.distance, line.position, u, line.kind, strict=True))
+
+    def _remove_stacks(self) -> None:
+        """What earlier starts left where they hung says nothing of a run that finished."""
+        for path in self.out.glob("run.r*.hang"):
+            path.unlink(missing_ok=True)
 
     def _warn(self, text: str) -> None:
         self.reporter.line(f"warning: {text}")

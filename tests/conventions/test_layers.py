@@ -11,8 +11,9 @@ PACKAGE = Path(__file__).resolve().parents[2] / "pdfem_mpi"
 # From the ground up. A module belongs to the longest name that begins its own; a package's modules may import
 # each other, everything else imports from lower rows only.
 LEVELS = (
-    ("hex8", "launch", "signals", "faults", "background_grid", "factor_cache", "heap", "held"),
+    ("hex8", "launch", "limits", "signals", "faults", "background_grid", "factor_cache", "heap", "held"),
     ("kernels", "scene", "parallel.comm", "parallel.bisection"),
+    ("deck_limits",),
     ("deck", "materials", "mesh", "mirrors", "parallel.halo", "pausing", "watchdog", "dissection", "killing"),
     ("boundary_areas",),
     ("fitted_bodies",),

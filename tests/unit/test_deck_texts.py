@@ -4,6 +4,7 @@ import json
 import shutil
 
 import pytest
+from tiny import TINY
 
 from helpers import run_pdfem
 from pdfem_mpi.deck import parse_deck, write_deck
@@ -122,37 +123,6 @@ def test_decks_whose_texts_ended_a_run(tmp_path, name):
     assert run_pdfem("resume", tmp_path / "run", COLUMNS="150").returncode == FINISHED
 
 
-TINY = """
-[mesh]
-kind = "box"
-lower = [0.0, 0.0, 0.0]
-upper = [4.0, 2.0, 2.0]
-spacing = 1.0
-[material]
-youngs_modulus = 1000.0
-poissons_ratio = 0.25
-[[regions]]
-name = "fe"
-model = "finite_elements"
-upper = [2.0, 2.0, 2.0]
-[[regions]]
-name = "pd"
-model = "peridynamics"
-lower = [2.0, 0.0, 0.0]
-[peridynamics]
-kinematics = "linear"
-[[supports]]
-face = "x-"
-x = 0.0
-y = 0.0
-z = 0.0
-[[loads]]
-kind = "body_force"
-face = "x+"
-total = [1.0, 0.0, 0.0]
-[solver]
-kind = "cg"
-"""
 LINE = '[[probes]]\nkind = "line"\nname = "l"\nstart = [0.0, 1.0, 1.0]\nstop = [4.0, 1.0, 1.0]\n'
 DECKS = {
     "title_rich": f'title = "[bold]x[/red] [/] [link=http://x]"\n[units]\nlength = "mm"\nforce = "N"\n{TINY}',
