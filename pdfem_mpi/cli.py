@@ -50,8 +50,22 @@ app = typer.Typer(
     help="Quasi-static failure by peridynamics coupled to finite elements, on MPI ranks.",
 )
 
+
+def _askable(path: Path | None) -> Path | None:
+    """Refuse a path that the system cannot even be asked about: a name too long, a folder that is closed."""
+    try:
+        if path is not None:
+            path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass  # each command has its own word for it
+    except (OSError, ValueError) as error:
+        shown = str(path) if len(str(path)) <= 80 else f"{str(path)[:77]}..."
+        raise typer.BadParameter(f"{shown}: {getattr(error, 'strerror', None) or error}. Use another path") from None
+    return path
+
+
 DeckArgument = Annotated[
-    Path, typer.Argument(metavar="DECK", help="TOML deck; see jobs/.", show_default=False)
+    Path, typer.Argument(metavar="DECK", help="TOML deck; see jobs/.", show_default=False, callback=_askable)
 ]
 SetOption = Annotated[
     list[str] | None,
@@ -277,7 +291,8 @@ def run(
     ranks: RanksOption = None,
     overrides: SetOption = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Run folder.", show_default="runs/<deck>")
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Run folder.", show_default="runs/<deck>", callback=_askable),
     ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace the results in the folder.")
@@ -298,7 +313,9 @@ def run(
 
 @app.command()
 def resume(
-    folder: Annotated[Path, typer.Argument(metavar="RUNDIR", help="Run folder.", show_default=False)],
+    folder: Annotated[
+        Path, typer.Argument(metavar="RUNDIR", help="Run folder.", show_default=False, callback=_askable)
+    ],
     ranks: RanksOption = None,
     overrides: SetOption = None,
     max_hours: MaxHoursOption = None,
@@ -356,7 +373,12 @@ def _run(deck, ranks, overrides, folder, overwrite, max_hours, ways) -> int:
 
 @app.command()
 def info(
-    path: Annotated[Path, typer.Argument(metavar="RUNDIR|FILE", help="Run folder or checkpoint.", show_default=False)],
+    path: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RUNDIR|FILE", help="Run folder or checkpoint.", show_default=False, callback=_askable
+        ),
+    ],
 ) -> int:
     """Say what a run folder or a checkpoint is: step, load, broken bonds, size, sound or why not."""
     launch.prepare_environment()
@@ -389,7 +411,7 @@ def check(deck: DeckArgument, overrides: SetOption = None) -> int:
 
 @app.command()
 def plot(
-    folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.", callback=_askable)],
     film: Annotated[bool, typer.Option("--movie", help="Draw the film of the damage too (damage.gif).")] = False,
 ) -> int:
     """Draw the figures of a run with failure again, from its result files."""
@@ -434,12 +456,16 @@ def warmup() -> int:
 def bench(
     deck: Annotated[
         Path | None,
-        typer.Option(metavar="DECK", help="Take the sizes from a deck.", show_default="the paper's plate"),
+        typer.Option(
+            metavar="DECK", help="Take the sizes from a deck.", show_default="the paper's plate", callback=_askable
+        ),
     ] = None,
     ranks: Annotated[
         int, typer.Option("-n", "--ranks", min=1, help="Ranks to compare with one; 1 compares with none.")
     ] = 2,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of bench.json.")] = Path("runs/bench"),
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder of bench.json.", callback=_askable)
+    ] = Path("runs/bench"),
     peer: Annotated[
         str | None, typer.Option(metavar="lammps", help="Run the same points in LAMMPS, in the same minute.")
     ] = None,
@@ -502,7 +528,10 @@ def study(
     ranks: Annotated[int | None, typer.Option("-n", "--ranks", min=1, help="MPI ranks of each member.")] = None,
     overrides: SetOption = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder of the study.", show_default="runs/<deck>-study")
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", help="Folder of the study.", show_default="runs/<deck>-study", callback=_askable
+        ),
     ] = None,
     plot: Annotated[
         list[str] | None, typer.Option("--plot", metavar="RESULT", help="A column of study.csv to draw. Repeatable.")

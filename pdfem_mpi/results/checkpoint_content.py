@@ -50,6 +50,8 @@ def _header_fault(header: Any) -> str | None:
                 return f"its header has {where}{key} of type {type(table[key]).__name__}"
     if state["step"] < 0 or state["iteration"] < 0 or header["broken_bonds"] < 0:
         return "its header counts below zero"
+    if not isinstance(header["versions"].get("pdfem_mpi"), str):
+        return "its header does not say which version wrote it"
     if not _are_bounds(state["bounds"]):
         return "its header has state.bounds of another form"
     if not all(isinstance(value, (int, float)) for value in state["program"].values()):

@@ -31,7 +31,7 @@ def write_summary(path: str | Path, content: Mapping[str, Any]) -> None:
     """
     text = _dumps(_plain(content)) + "\n"
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")  # as JSON escapes it
 
 
 def sealed(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def sealed(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """
     files = {name: _sha256(folder / name) for name in _written_once(folder)}
     plain = _plain(content) | {"files": files}
-    return plain | {"sha256": hashlib.sha256(_dumps(plain).encode()).hexdigest()}
+    return plain | {"sha256": _digest(plain)}
 
 
 def look_at_summary(folder: Path) -> tuple[str | None, list[str]]:
@@ -61,7 +61,7 @@ def look_at_summary(folder: Path) -> tuple[str | None, list[str]]:
         content = json.loads(path.read_text(encoding="utf-8"))
         status, digest = str(content["status"]), content.pop("sha256", None)
         files = dict(content.get("files", {}))
-        whole = digest in (None, hashlib.sha256(_dumps(content).encode()).hexdigest())
+        whole = digest in (None, _digest(content))
     except FileNotFoundError:
         return None, []
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -89,6 +89,10 @@ def _sha256(path: Path) -> str | None:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return None
+
+
+def _digest(plain: Any) -> str:
+    return hashlib.sha256(_dumps(plain).encode(errors="backslashreplace")).hexdigest()
 
 
 def _dumps(plain: Any) -> str:

@@ -180,6 +180,22 @@ def test_any_number_of_a_deck_in_the_extreme_is_a_scene_or_refused(value):
         assert time.perf_counter() - begun < SECONDS, number
 
 
+@pytest.mark.parametrize(
+    "arguments", [["run", "DECK", "--out", "LONG"], ["run", "LONG.toml"], ["resume", "LONG"], ["info", "LONG"]]
+)
+def test_paths_that_no_system_has_are_refused(tmp_path, arguments):
+    """Without a rank or a library of numbers: by the command line itself."""
+    from typer.testing import CliRunner
+
+    from pdfem_mpi.cli import app
+
+    (tmp_path / "DECK").write_text(TINY)
+    words = [word.replace("LONG", "n" * 300).replace("DECK", str(tmp_path / "DECK")) for word in arguments]
+    result = CliRunner().invoke(app, words, standalone_mode=False)
+    assert type(result.exception).__name__ == "BadParameter"
+    assert "File name too long. Use another path" in str(result.exception) and len(str(result.exception)) < 200
+
+
 # --- memory -----------------------------------------------------------------------------------------------
 
 
