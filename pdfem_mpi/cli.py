@@ -426,6 +426,10 @@ def plot(
         raise _fail(error.messages, 0) from None
     except OSError as error:
         raise _fail([f"pdfem: {error.filename}: cannot be read or written ({error.strerror})."], 0) from None
+    except (ValueError, KeyError, TypeError, RuntimeError) as error:
+        problem = f"history.csv or points.vtkhdf is damaged ({type(error).__name__}: {error})"
+        _print_problems([f"pdfem: {folder}: {problem}. `pdfem info` says what is sound."], 0)
+        return EXIT_NO_CHECKPOINT
     for path in drawn:
         print(path)
     if missing:

@@ -559,7 +559,8 @@ class _Run:
     def _remove_stacks(self) -> None:
         """What earlier starts left where they hung says nothing of a run that finished."""
         for path in self.out.glob("run.r*.hang"):
-            path.unlink(missing_ok=True)
+            with suppress(OSError):
+                path.unlink()
 
     def _warn(self, text: str) -> None:
         self.reporter.line(f"warning: {text}")

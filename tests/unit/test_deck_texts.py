@@ -103,6 +103,14 @@ def test_a_folder_for_figures_that_cannot_be_made_is_a_warning(tmp_path, monkeyp
     assert reporter.said("warning: the figure", "was not drawn")
 
 
+@pytest.mark.slow
+def test_a_damaged_history_is_no_traceback_of_plot(tmp_path):
+    (tmp_path / "deck.toml").write_text(write_deck(small()), encoding="utf-8")
+    (tmp_path / "history.csv").write_text("step,event,broken_bonds\n1,step,x7\n")
+    result = run_pdfem("plot", tmp_path)
+    assert result.returncode == 65 and "history.csv or points.vtkhdf is damaged" in result.stderr
+
+
 def test_attempt_returns_what_was_drawn(tmp_path):
     said = []
     assert attempt(lambda: None, tmp_path / "a.png", said.append) == [tmp_path / "a.png"] and not said
