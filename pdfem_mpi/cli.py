@@ -590,7 +590,9 @@ def study(
 def doctor() -> int:
     """Print MPI runtime, cores, threads and cache; test that ranks start and files can be written."""
     launch.prepare_environment()
-    problems: list[str] = []
+    if problem := shared_memory_problem(1):  # MPI would end this process
+        raise _fail([f"pdfem: {problem}"], launch.rank_by_launcher())
+    problems = [problem for problem in [shared_memory_problem(2)] if problem]
     launcher = _launcher(problems)  # before MPI starts in this process and leaves its variables
     rows = [
         ("pdfem_mpi", __version__),

@@ -112,9 +112,9 @@ def shared_memory_problem(ranks: int, started: bool = False, folder: Path = SHAR
     needed = SHARED_BYTES_ALONE if ranks == 1 else SHARED_BYTES_BESIDE + ranks * SHARED_BYTES_OF_RANK
     if not room.f_blocks or available >= needed:
         return None
-    who = f"{ranks} ranks need" if ranks > 1 else "one rank needs"
+    who, kind = f"{ranks} ranks" if ranks > 1 else "one rank", "in all" if started else "free"
     return (
-        f"{folder} has {available / 2**20:.1f} MiB{' in all' if started else ' free'}, and the MPI library of {who} "
+        f"{folder} has {available / 2**20:.1f} MiB {kind}, and the MPI library of {who} needs "
         f"{needed / 2**20:.0f} MiB there. Make it larger (docker run --shm-size=1g, or mount -o remount,size=1g "
         f"{folder}), or use fewer ranks."
     )

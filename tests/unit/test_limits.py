@@ -20,17 +20,17 @@ from pdfem_mpi.scene import SceneError
 from restarts import alone, often
 
 USAGE, MIB = 64, 2**20
-#: What a bad deck may take before it is refused.
+#: Of a processor, before a bad deck is refused: wall time would be that of other work as well.
 SECONDS = 2.0
 
 
 def refused(text):
     """Sentences about a deck, found within two seconds."""
-    begun = time.perf_counter()
+    begun = time.process_time()
     with pytest.raises(SceneError) as error:
         scene = parse_deck(text, "deck")
         discretize(scene)
-    assert time.perf_counter() - begun < SECONDS
+    assert time.process_time() - begun < SECONDS
     return error.value.messages
 
 
@@ -105,19 +105,19 @@ def test_a_crack_of_thousands_of_corners_is_refused():
     polygon = [[3.0, float(np.cos(a)), float(np.sin(a))] for a in angle]
     (message,) = refused(f"{TINY}\n[[cracks]]\npolygon = {polygon}\n")
     assert "cracks.0.polygon has 20,000 corners, and at most 1,000 serve" in message
-    begun = time.perf_counter()
+    begun = time.process_time()
     parse_deck(f"{TINY}\n[[cracks]]\npolygon = {polygon[::20]}\n", "deck")
-    assert time.perf_counter() - begun < SECONDS
+    assert time.process_time() - begun < SECONDS
 
 
 def test_more_layers_than_cells_are_all_cells():
-    begun = time.perf_counter()
+    begun = time.process_time()
     scene = parse_deck(TINY.replace('face = "x+"', 'face = "x+"\nlayers = 1000000000000'), "deck")
     mesh = discretize(scene).mesh
     assert isinstance(mesh, HexMesh) and mesh.cells_near_face("x+", scene.loads[0].layers).all()
     (message,) = refused(TINY + "\n[coupling]\noverlap = 1000000000000\n")
     assert "leaves no finite element outside the overlap" in message
-    assert time.perf_counter() - begun < 2.0 * SECONDS
+    assert time.process_time() - begun < 2.0 * SECONDS
 
 
 MESH = """*HEADING
@@ -170,14 +170,14 @@ def test_any_number_of_a_deck_in_the_extreme_is_a_scene_or_refused(value):
     for number in numbers:
         old = number.rpartition("= ")[2].strip("[]").split(",")[0]
         text = deck.replace(number, number.replace(old, value, 1), 1)
-        begun = time.perf_counter()
+        begun = time.process_time()
         try:
             scene = parse_deck(text, "deck")
             memory.check_mesh(scene, int(np.prod(scene.mesh.n_cells)), mpi().COMM_SELF)
             memory.check_model(scene, discretize(scene), mpi().COMM_SELF)
         except SceneError as error:
             assert error.messages, number
-        assert time.perf_counter() - begun < SECONDS, number
+        assert time.process_time() - begun < SECONDS, number
 
 
 @pytest.mark.parametrize(
