@@ -126,7 +126,10 @@ def test_any_title_survives_writing(title):
     assert parse_deck(write_deck(scene), "x").title == title
 
 
-@pytest.mark.parametrize("number", [1e22, 1.0000000000000002e-100, 0.1 + 0.2, 9.999999999999999e99, 1234567890123456789.0])
+EXTREMES = [1e22, 1.0000000000000002e-99, 0.1 + 0.2, 9.999999999999999e99, 12345678901234567890.0]
+
+
+@pytest.mark.parametrize("number", EXTREMES)
 def test_floats_survive_writing_bit_for_bit(number):
     scene = parse_deck(SOUND, "x", [f"material.youngs_modulus={number!r}"])
     assert parse_deck(write_deck(scene), "x").material.youngs_modulus == number
