@@ -144,8 +144,10 @@ def choose_start(out: Path, resume: str, overwrite: bool) -> Start:
     for _, path in found:
         header, reason = _look_at(path)
         if reason is None:
-            damage = find_damage(out, header["results"]) if status == "finished" else []
-            return Start(path, header, passed, notes + damage, status == "finished" and not damage)
+            # a run that is finished has a last checkpoint that says so: without it, the end is made again
+            over = status == "finished" and not passed and bool(header["state"]["program"].get("over"))
+            damage = find_damage(out, header["results"]) if over else []
+            return Start(path, header, passed, notes + damage, over and not damage)
         notes.append(f"{path.name} is passed over: {reason}")
         passed.append((path, "damaged"))
     reasons = "; ".join(note.replace(" is passed over", "") for note in notes)
