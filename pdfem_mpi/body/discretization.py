@@ -437,6 +437,8 @@ def _find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray, stays: n
                     f"finite-element regions are {deep}, seen from the interface. {remedy}."
                 ]
             )
+        if np.array_equal(wider, reached):
+            break
         reached = wider
     return reached & ~peridynamic
 

@@ -26,11 +26,13 @@ import typer
 import typer.main
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from pdfem_mpi import __version__
 from pdfem_mpi.deck.scene import Scene, SceneError
 from pdfem_mpi.deck.toml import DeckError, parse_deck, read_deck, read_text, write_deck
 from pdfem_mpi.system import launcher as launch
+from pdfem_mpi.system.limits import shared_memory_problem
 from pdfem_mpi.system.signals import Requests
 
 EXIT_USAGE = 64
@@ -49,8 +51,22 @@ app = typer.Typer(
     help="Quasi-static failure by peridynamics coupled to finite elements, on MPI ranks.",
 )
 
+
+def _askable(path: Path | None) -> Path | None:
+    """Refuse a path that the system cannot even be asked about: a name too long, a folder that is closed."""
+    try:
+        if path is not None:
+            path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass  # each command has its own word for it
+    except (OSError, ValueError) as error:
+        shown = str(path) if len(str(path)) <= 80 else f"{str(path)[:77]}..."
+        raise typer.BadParameter(f"{shown}: {getattr(error, 'strerror', None) or error}. Use another path") from None
+    return path
+
+
 DeckArgument = Annotated[
-    Path, typer.Argument(metavar="DECK", help="TOML deck; see jobs/.", show_default=False)
+    Path, typer.Argument(metavar="DECK", help="TOML deck; see jobs/.", show_default=False, callback=_askable)
 ]
 SetOption = Annotated[
     list[str] | None,
@@ -172,6 +188,9 @@ def remaining(seconds: float, first: float, best: float, tolerance: float) -> st
 
 def main() -> None:
     """Run the command line and exit with its code."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")  # a title that the terminal cannot show must not end a run
     try:
         code = typer.main.get_command(app)(standalone_mode=False, prog_name="pdfem")
     except ClickException as error:
@@ -208,6 +227,8 @@ def _fail(messages: Iterable[str], rank: int) -> typer.Exit:
 def _start_world(ranks: int | None) -> Any:
     """Initialise MPI, guard against a launcher of another library, and return the communicator."""
     launch.prepare_environment()
+    if problem := _shared_memory_problem():
+        raise _fail([f"pdfem: {problem}"], launch.rank_by_launcher())
     from pdfem_mpi.parallel import comm as parallel
 
     try:
@@ -237,6 +258,15 @@ def _start_world(ranks: int | None) -> Any:
     return comm
 
 
+def _shared_memory_problem() -> str | None:
+    """Too little of it ends MPI's start in a bus error; Open MPI makes do with other places."""
+    variable = launch.launcher_variable()
+    if variable is None:
+        return shared_memory_problem(1)
+    here = os.environ.get("MPI_LOCALNRANKS", "")  # MPICH's launcher tells
+    return shared_memory_problem(int(here), started=True) if here.isdigit() and int(here) else None
+
+
 def _read_scene(deck: Path, overrides: list[str], comm: Any) -> Scene:
     """Return the scene on every rank: rank 0 reads, the text travels, all validate the same. Collective."""
     from pdfem_mpi.parallel import comm as parallel
@@ -262,7 +292,8 @@ def run(
     ranks: RanksOption = None,
     overrides: SetOption = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Run folder.", show_default="runs/<deck>")
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Run folder.", show_default="runs/<deck>", callback=_askable),
     ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace the results in the folder.")
@@ -283,7 +314,9 @@ def run(
 
 @app.command()
 def resume(
-    folder: Annotated[Path, typer.Argument(metavar="RUNDIR", help="Run folder.", show_default=False)],
+    folder: Annotated[
+        Path, typer.Argument(metavar="RUNDIR", help="Run folder.", show_default=False, callback=_askable)
+    ],
     ranks: RanksOption = None,
     overrides: SetOption = None,
     max_hours: MaxHoursOption = None,
@@ -312,6 +345,8 @@ def _run(deck, ranks, overrides, folder, overwrite, max_hours, ways) -> int:
         try:
             read_deck(deck, overrides)  # problems show before any rank starts
             plan = launch.plan_launch(ranks, sys.argv[1:])
+            if not launch.is_open_mpi(plan.command[0]) and (problem := shared_memory_problem(ranks)):
+                raise launch.LaunchError(problem)
             print(plan.line, flush=True)
             launch.become(plan)
         except DeckError as error:
@@ -339,7 +374,12 @@ def _run(deck, ranks, overrides, folder, overwrite, max_hours, ways) -> int:
 
 @app.command()
 def info(
-    path: Annotated[Path, typer.Argument(metavar="RUNDIR|FILE", help="Run folder or checkpoint.", show_default=False)],
+    path: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RUNDIR|FILE", help="Run folder or checkpoint.", show_default=False, callback=_askable
+        ),
+    ],
 ) -> int:
     """Say what a run folder or a checkpoint is: step, load, broken bonds, size, sound or why not."""
     launch.prepare_environment()
@@ -372,24 +412,32 @@ def check(deck: DeckArgument, overrides: SetOption = None) -> int:
 
 @app.command()
 def plot(
-    folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.", callback=_askable)],
     film: Annotated[bool, typer.Option("--movie", help="Draw the film of the damage too (damage.gif).")] = False,
 ) -> int:
     """Draw the figures of a run with failure again, from its result files."""
     launch.prepare_environment()
     from pdfem_mpi.run.run import draw_run
 
+    missing: list[str] = []
     try:
         scene = read_deck(folder / "deck.toml")
-        drawn = draw_run(folder, scene, film)
+        drawn = draw_run(folder, scene, missing.append, film)
     except DeckError as error:
         raise _fail(error.messages, 0) from None
     except OSError as error:
         raise _fail([f"pdfem: {error.filename}: cannot be read or written ({error.strerror})."], 0) from None
-    if not drawn:
-        raise _fail([f"pdfem: {folder} has no history of broken bonds to draw."], 0)
+    except (ValueError, KeyError, TypeError, RuntimeError) as error:
+        problem = f"history.csv or points.vtkhdf is damaged ({type(error).__name__}: {error})"
+        _print_problems([f"pdfem: {folder}: {problem}. `pdfem info` says what is sound."], 0)
+        return EXIT_NO_CHECKPOINT
     for path in drawn:
         print(path)
+    if missing:
+        _print_problems([f"pdfem: {text}." for text in missing], 0)
+        return EXIT_NOT_WRITTEN
+    if not drawn:
+        raise _fail([f"pdfem: {folder} has no history of broken bonds to draw."], 0)
     if film and not any(path.suffix == ".gif" for path in drawn):
         raise _fail([f"pdfem: {folder} has no damage to film. Run the deck with --set output.damage=true."], 0)
     return 0
@@ -413,12 +461,16 @@ def warmup() -> int:
 def bench(
     deck: Annotated[
         Path | None,
-        typer.Option(metavar="DECK", help="Take the sizes from a deck.", show_default="the paper's plate"),
+        typer.Option(
+            metavar="DECK", help="Take the sizes from a deck.", show_default="the paper's plate", callback=_askable
+        ),
     ] = None,
     ranks: Annotated[
         int, typer.Option("-n", "--ranks", min=1, help="Ranks to compare with one; 1 compares with none.")
     ] = 2,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of bench.json.")] = Path("runs/bench"),
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder of bench.json.", callback=_askable)
+    ] = Path("runs/bench"),
     peer: Annotated[
         str | None, typer.Option(metavar="lammps", help="Run the same points in LAMMPS, in the same minute.")
     ] = None,
@@ -481,7 +533,10 @@ def study(
     ranks: Annotated[int | None, typer.Option("-n", "--ranks", min=1, help="MPI ranks of each member.")] = None,
     overrides: SetOption = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder of the study.", show_default="runs/<deck>-study")
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", help="Folder of the study.", show_default="runs/<deck>-study", callback=_askable
+        ),
     ] = None,
     plot: Annotated[
         list[str] | None, typer.Option("--plot", metavar="RESULT", help="A column of study.csv to draw. Repeatable.")
@@ -536,7 +591,9 @@ def study(
 def doctor() -> int:
     """Print MPI runtime, cores, threads and cache; test that ranks start and files can be written."""
     launch.prepare_environment()
-    problems: list[str] = []
+    if problem := shared_memory_problem(1):  # MPI would end this process
+        raise _fail([f"pdfem: {problem}"], launch.rank_by_launcher())
+    problems = [problem for problem in [shared_memory_problem(2)] if problem]
     launcher = _launcher(problems)  # before MPI starts in this process and leaves its variables
     rows = [
         ("pdfem_mpi", __version__),
@@ -632,9 +689,10 @@ def _writable(folder: Path, problems: list[str]) -> str:
 
 
 def _print_table(title: str, rows: Iterable[tuple[str, Any]]) -> None:
-    table = Table(title=title, title_justify="left", show_header=False)
+    """Print a table; titles, names and units of a deck are texts, whatever marks of a terminal they look like."""
+    table = Table(title=Text(title), title_justify="left", show_header=False)
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     for name, value in rows:
-        table.add_row(str(name), f"{value:,}" if isinstance(value, int) else str(value))
-    Console().print(table)
+        table.add_row(Text(str(name)), Text(f"{value:,}" if isinstance(value, int) else str(value)))
+    Console(markup=False, emoji=False, highlight=False).print(table)

@@ -23,6 +23,7 @@ from typing import Any
 
 from pdfem_mpi.deck.scene import Scene, show
 from pdfem_mpi.deck.toml import DeckError, dimension_of, parse_deck, read_text, write_deck
+from pdfem_mpi.results.labels import attempt
 from pdfem_mpi.results.study import Series, draw_study, write_table
 
 MAX_MEMBERS = 1000  # a product of values typed by mistake
@@ -474,7 +475,12 @@ def choose_results(outcomes: Sequence[Outcome], wanted: Sequence[str]) -> list[s
 
 
 def draw(
-    path: Path, members: Sequence[Member], axes: Sequence[Axis], outcomes: Sequence[Outcome], wanted: Sequence[str]
+    path: Path,
+    members: Sequence[Member],
+    axes: Sequence[Axis],
+    outcomes: Sequence[Outcome],
+    wanted: Sequence[str],
+    tell: Callable[[str], None],
 ) -> None:
     """Draw results over the first axis, one curve for each combination of the others; nothing without results.
 
@@ -502,7 +508,8 @@ def draw(
     failed = sum(outcome.status not in ("finished", "waiting") for outcome in outcomes)
     note = f"{failed} of {len(members)} members failed" if failed else ""
     units = {name: unit_of(scene, "length") for name in names if _is_displacement(scene, name)}
-    draw_study(path, series, f"{key}{f' ({unit})' if unit else ''}", units, scene.title, note)
+    along = f"{key}{f' ({unit})' if unit else ''}"
+    attempt(lambda: draw_study(path, series, along, units, scene.title, note), path, tell)
 
 
 def _is_displacement(scene: Scene, name: str) -> bool:
@@ -549,5 +556,5 @@ def run_study(
 
     with interruption.listening():
         outcomes = follow(members, folder, start, tell, interruption, update)
-    draw(folder / "study.png", members, axes, outcomes, wanted)
+    draw(folder / "study.png", members, axes, outcomes, wanted, tell)
     return exit_code(outcomes, interruption)

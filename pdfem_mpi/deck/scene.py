@@ -27,7 +27,10 @@ AXES = ("x", "y", "z")
 SPACING_TOLERANCE = 1e-6  # relative misfit of a side and a whole number of spacings: decks print 6 digits
 MAX_CELLS = 2**28  # 2**31 points: far above any machine this is for; catches a spacing typed in other units
 HOLE_CELLS = 2  # spacings that the radius of a hole, and its distance from an edge, must have: room to grade cells
+LONGEST_NAME = 200  # characters: line_NAME.png.tmp is a file, whose name may have 255 bytes
 MOST_REGIONS = 255  # classes of bonds are stored in one byte a cluster
+MOST_CORNERS, FEW_CORNERS = 1000, 64  # of a crack: each bond near it is compared with all; all pairs are looked at
+MOST_HINTS = 50  # findings of one kind that get a hint of what may have been meant: more would take minutes
 CUTOFF_RATIO = 2.5  # r_c / l of the paper (sec. 4.1, appendix B)
 MESH_SUFFIXES = (".msh", ".inp", ".vtu", ".exo", ".e")  # Gmsh, Abaqus, VTK, Exodus II
 DEFAULT_MATERIAL = "default"  # what regions and interfaces call the table [material]
@@ -391,7 +394,7 @@ class Material(Table):
         """
         if self.fracture_energy is None:
             return self.critical_stretch
-        a = cutoff_ratio
+        a = min(cutoff_ratio, 30.0)  # the share is 1 from 6 on, and powers of large ratios are not finite
         share = math.erf(a) - 2.0 / math.sqrt(math.pi) * math.exp(-a * a) * (2.0 / 3.0 * a**3 + a)
         whole = 27.0 * math.sqrt(math.pi) / 16.0 * self.bulk_modulus * internal_length
         return math.sqrt(self.fracture_energy / (whole * share))
@@ -560,6 +563,9 @@ class Crack(Table):
 
     def problems(self) -> list[Problem]:
         """Corners that span a plane and lie in it."""
+        if len(self.polygon) > MOST_CORNERS:
+            count = f"{len(self.polygon):,} corners, and at most {MOST_CORNERS:,} serve"
+            return [Problem("polygon", f"has {count}. Use fewer, or several cracks.")]
         normal, size = polygon_normal(self.polygon)
         if normal is None:
             return [Problem("polygon", "has no area: its corners lie on a line. Give corners that span a plane.")]
@@ -579,7 +585,10 @@ class Crack(Table):
 
 def polygon_normal(corners: Sequence[Vector]) -> tuple[Vector | None, float]:
     """Unit normal of a plane polygon (None without area) by Newell's formula, and its size."""
-    size = max(math.dist(a, b) for a in corners for b in corners)
+    if len(corners) <= FEW_CORNERS:
+        size = max(math.dist(a, b) for a in corners for b in corners)
+    else:  # of the order of it, without all pairs
+        size = math.dist(*([choose(c[d] for c in corners) for d in range(3)] for choose in (min, max)))
     normal = [
         math.fsum(
             (a[j] - b[j]) * (a[k] + b[k] - 2.0 * corners[0][k])
@@ -1137,6 +1146,9 @@ def _check_material_names(materials: dict[str, Material]) -> list[Problem]:
     for name in materials:
         if name == DEFAULT_MATERIAL:
             problems.append(Problem(f"materials.{name}", "is the name of the table [material]. Choose another name."))
+        elif len(name) > LONGEST_NAME:
+            text = f"is longer than {LONGEST_NAME} characters. Shorten it."
+            problems.append(Problem(f"materials.{show(name)}", text))
         elif not re.fullmatch(r"[A-Za-z0-9_-]+", name):
             problems.append(
                 Problem(f"materials.{show(name)}", "is not a name. Use letters, digits, - and _ only.")
@@ -1212,7 +1224,8 @@ def _unknown_names(uses: Iterable[tuple[str, str]], tables: dict[str, Any]) -> l
     problems = []
     for where, name in uses:
         if name not in tables:
-            remedy = did_you_mean(name, tables) or f" The materials are {', '.join(tables)}."
+            hint = did_you_mean(name, tables) if len(problems) < MOST_HINTS else ""
+            remedy = hint or f" The materials are {', '.join(itertools.islice(tables, MOST_HINTS))}."
             problems.append(Problem(where, f"has {show(name)}, which is not the name of a material.{remedy}"))
     return problems
 
@@ -1304,7 +1317,8 @@ def _unknown_regions(table: str, regions: Sequence[Region], items: Sequence[Any]
     for index, item in enumerate(items):
         name = getattr(item, "region", None)
         if name is not None and name not in names:
-            remedy = did_you_mean(name, names) or f" The regions are {', '.join(names)}."
+            hint = did_you_mean(name, names) if len(problems) < MOST_HINTS else ""
+            remedy = hint or f" The regions are {', '.join(names[:MOST_HINTS])}."
             problems.append(
                 Problem(f"{table}.{index}.region", f"= {show(name)} is not the name of a region.{remedy}")
             )

@@ -18,9 +18,12 @@ from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
+from pdfem_mpi.deck.limits import find_limits
 from pdfem_mpi.deck.scene import Problem, Scene, SceneError, Table, Vector, did_you_mean, find_problems, show
 
 MISSING = object()
+#: Sentences about a deck that are shown, and characters of one: nobody reads more, and a program should not write it.
+MOST_PROBLEMS, LONGEST_SENTENCE = 50, 2000
 WORDS = {float: "a number", int: "a whole number", str: 'a text in quotes ("...")', bool: "true or false"}
 LIMITS = (("gt", "above {}"), ("ge", "of {} or more"), ("lt", "below {}"), ("le", "of {} or less"))
 
@@ -91,14 +94,22 @@ def parse_deck(text: str, name: str, overrides: Sequence[str] = ()) -> Scene:
         except _OverrideProblem as problem:
             messages.append(f"--set {override.text}: {problem}")
     _resolve_mesh_path(data, Path(name).parent)
-    data = _freeze(data)
-    scene, problems = _validate(data)
-    for problem in problems:
+    data, beyond = find_limits(data)
+    scene, problems = _validate(_freeze(data), {problem.key for problem in beyond})
+    problems = beyond + problems
+    for problem in problems[:MOST_PROBLEMS]:
         origin = " (This value was given by --set.)" if problem.key in overridden else ""
-        messages.append(f"{name}: " + f"{problem.key} {problem.text}".strip() + origin)
+        messages.append(_shortened(f"{name}: " + f"{problem.key} {problem.text}".strip() + origin))
+    if len(problems) > MOST_PROBLEMS:
+        more = f"{len(problems) - MOST_PROBLEMS:,} more of {len(problems):,} problems are not shown"
+        messages.append(f"{name}: {more}. Mend these first.")
     if messages or scene is None:
         raise DeckError(messages)
     return scene
+
+
+def _shortened(sentence: str) -> str:
+    return sentence if len(sentence) <= LONGEST_SENTENCE else f"{sentence[: LONGEST_SENTENCE - 4]} ..."
 
 
 # --- overrides -------------------------------------------------------------------------------------------
@@ -225,17 +236,26 @@ def _freeze(value: Any) -> Any:
     return value
 
 
-def _validate(data: dict[str, Any]) -> tuple[Scene | None, list[Problem]]:
-    """Return the scene, or None and all problems: what is sound in a bad deck still gets its checks."""
+def _validate(data: dict[str, Any], beyond: set[str]) -> tuple[Scene | None, list[Problem]]:
+    """Return the scene, or None and all problems: what is sound in a bad deck still gets its checks.
+
+    Parameters
+    ----------
+    beyond : set of str
+        Keys whose values were beyond the limits and are `Beyond` now: they have their sentences.
+    """
     problems = []
     scene = None
     try:
         scene = Scene.model_validate(data)
         tables = {name: getattr(scene, name) for name in Scene.model_fields}
     except ValidationError as error:
-        errors = error.errors(include_url=False)
+        errors = [item for item in error.errors(include_url=False) if _walk(item["loc"], data).path not in beyond]
+        if len(errors) > MOST_PROBLEMS:  # hints and further checks would take minutes, and nobody would read them
+            rest = [Problem("", "")] * (len(errors) - MOST_PROBLEMS)
+            return None, _sentences(errors[:MOST_PROBLEMS], data) + rest
         problems = _sentences(errors, data)
-        wrong = {_walk(item["loc"], data).path for item in errors}
+        wrong = {_walk(item["loc"], data).path for item in errors} | beyond
         tables, more = _partial_tables(wrong, data)
         problems += [problem for problem in more + find_problems(tables) if problem not in problems]
     if "loads" in tables and "supports" in tables and not tables["loads"] and not tables["supports"]:

@@ -173,7 +173,10 @@ class HexMesh:
         chosen = np.zeros(len(self.cells), bool)
         chosen[first] = True
         for _ in range(layers - 1):
-            chosen = self.neighbours(chosen)
+            wider = self.neighbours(chosen)
+            if np.array_equal(wider, chosen):  # all that hang together: a deck may ask for far more layers
+                break
+            chosen = wider
         return chosen
 
     @cached_property

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pdfem_mpi.deck.limits import LARGEST
 from pdfem_mpi.deck.scene import MESH_SUFFIXES, FileMesh, SceneError, did_you_mean
 from pdfem_mpi.mesh.abaqus import find_traps
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh
@@ -67,7 +68,7 @@ def read_mesh(entry: FileMesh) -> MeshFile:
         ) from None
     except Exception as error:  # meshio raises what its parsers meet: KeyError, ValueError, IndexError, ...
         raise SceneError([f'mesh.path = "{entry.path}": {_unreadable(kind, error)}']) from None
-    if problems := _refusals(raw):
+    if problems := _refusals(raw) or _too_far(raw, entry.scale):
         raise SceneError([f'mesh.path = "{entry.path}": {problem}' for problem in problems])
     return _convert(raw, sets, entry.scale)
 
@@ -282,6 +283,18 @@ def _refusals(raw) -> list[str]:
             f"{_place(points[bad[0]])}. Write the mesh again."
         )
     return problems
+
+
+def _too_far(raw, scale: float) -> list[str]:
+    """Coordinates whose products would not be finite."""
+    points, most = np.asarray(raw.points), LARGEST / max(scale, 1.0)
+    far = np.flatnonzero((np.abs(points) >= most).any(axis=1))
+    if not len(far):
+        return []
+    return [
+        f"{len(far)} nodes have coordinates beyond {most:g}, where products are not finite, the first node {far[0]} at "
+        f"{_place(points[far[0]])}. Write the mesh again, or scale it."
+    ]
 
 
 def _place(x: np.ndarray) -> str:

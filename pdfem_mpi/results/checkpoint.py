@@ -33,7 +33,9 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
+from pdfem_mpi.results.checkpoint_content import find_fault
 from pdfem_mpi.results.guarded import guarded
+from pdfem_mpi.results.own_storage import elsewhere
 from pdfem_mpi.system import faults
 from pdfem_mpi.system.files import sync
 
@@ -255,12 +257,17 @@ def check(path: Path) -> dict[str, Any]:
             if number > FORMAT:
                 raise Invalid(f"it has format {number}, of a newer pdfem_mpi; this one reads {FORMAT}", newer=True)
         with h5py.File(path, "r", locking=False) as file:
-            return json.loads(file[HEADER][:].tobytes())
+            if reason := elsewhere(file):
+                raise Invalid(f"it {reason}")
+            header = json.loads(file[HEADER][:].tobytes())
+            if reason := find_fault(file, header):
+                raise Invalid(reason)
+            return header
     except FileNotFoundError:
         raise Invalid("there is no such file") from None
     except OSError as error:
         raise Invalid(f"it cannot be read: {error.strerror or error}") from None
-    except (KeyError, ValueError, RuntimeError) as error:
+    except (KeyError, ValueError, RuntimeError, TypeError, AttributeError, RecursionError) as error:
         raise Invalid(f"it cannot be read: {error}") from None
 
 
@@ -269,6 +276,10 @@ class Reader:
 
     def __init__(self, file: h5py.File):
         self._file = file
+
+    def shape(self, name: str) -> tuple[int, ...] | None:
+        """Shape of a table; None where there is none."""
+        return self._file[name].shape if name in self._file else None
 
     def rows(self, name: str) -> int:
         """Length of a table; 0 where there is none."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import matplotlib
@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pdfem_mpi.results import vtkhdf
+from pdfem_mpi.results.labels import as_it_is, attempt
 from pdfem_mpi.results.plots import DPI, LEGEND, SIZE_INCHES, STYLE
 from pdfem_mpi.system.files import replacing
 
@@ -43,7 +44,9 @@ def read_history(path: str | Path) -> dict[str, list]:
     return columns
 
 
-def draw_failure(folder: str | Path, title: str, length: str, force: str, film: bool = False) -> list[Path]:
+def draw_failure(
+    folder: str | Path, title: str, length: str, force: str, film: bool = False, *, warn: Callable[[str], None]
+) -> list[Path]:
     """Draw what the result files of a run folder allow into its ``figures``.
 
     Parameters
@@ -54,6 +57,8 @@ def draw_failure(folder: str | Path, title: str, length: str, force: str, film: 
         Of the deck; labels only.
     film : bool
         Draw ``damage.gif`` too.
+    warn : callable
+        Hears of figures that could not be drawn.
 
     Returns
     -------
@@ -67,25 +72,29 @@ def draw_failure(folder: str | Path, title: str, length: str, force: str, film: 
         return drawn
     figures = folder / "figures"
     figures.mkdir(exist_ok=True)
-    drawn.append(_draw_reaction(figures / "reaction.png", history, title, length, force))
-    drawn.append(_draw_energies(figures / "energies.png", history, title, length, force))
+
+    def draw(name: str, how: Callable[..., Path], *arguments: object) -> None:
+        drawn.extend(attempt(lambda: how(figures / name, *arguments), figures / name, warn))
+
+    draw("reaction.png", _draw_reaction, history, title, length, force)
+    draw("energies.png", _draw_energies, history, title, length, force)
     points = folder / "points.vtkhdf"
     if points.exists() and vtkhdf.frames(points) and "damage" in vtkhdf.frame_fields(points):
         layer = _Layer(points)
-        drawn.append(_draw_stages(figures / "damage.png", layer, history, title, length))
+        draw("damage.png", _draw_stages, layer, history, title, length)
         if film:
-            drawn.append(_draw_film(figures / "damage.gif", layer, history, title, length))
+            draw("damage.gif", _draw_film, layer, history, title, length)
     return drawn
 
 
 def _unit(*names: str) -> str:
-    return f" ({' '.join(names)})" if all(names) else ""
+    return f" ({' '.join(map(as_it_is, names))})" if all(names) else ""
 
 
 def _new_figure(title: str) -> Figure:
     figure = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained")
     if title:
-        figure.suptitle(title)
+        figure.suptitle(as_it_is(title))
     return figure
 
 
@@ -106,7 +115,7 @@ def _draw_reaction(path: Path, history: dict, title: str, length: str, force: st
                 axes.plot(u[chosen], reaction[chosen], marker, color=color, markersize=4, label=label, linestyle="none")
         peak = int(np.argmax(np.where(stable, reaction, -np.inf) if stable.any() else reaction))
         axes.annotate(
-            f"peak {reaction[peak]:.5g}{' ' + force if force else ''}",
+            f"peak {reaction[peak]:.5g}{' ' + as_it_is(force) if force else ''}",
             (u[peak], reaction[peak]),
             textcoords="offset points",
             xytext=(-12, 6),

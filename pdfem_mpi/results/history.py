@@ -1,6 +1,7 @@
 """history.csv: one row per load step or event, every number with all its digits."""
 
 import csv
+import hashlib
 import io
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -31,33 +32,45 @@ class History:
         Rows in the file, the header not counted.
     size : int
         Bytes in the file.
+    sha256 : str
+        Digest of these bytes, as they were written.
     """
 
     def __init__(self, path: str | Path, columns: Iterable[str]) -> None:
         self._name(path, columns)
         line = _line(self.columns)
         self.path.write_bytes(line)
-        self.rows, self.size = 0, len(line)
+        self.rows, self.size, self._hash = 0, len(line), hashlib.sha256(line)
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the file's bytes."""
+        return self._hash.hexdigest()
 
     @classmethod
-    def reopen(cls, path: str | Path, columns: Iterable[str], rows: int) -> Self:
+    def reopen(
+        cls, path: str | Path, columns: Iterable[str], rows: int, size: int | None = None, sha256: str | None = None
+    ) -> Self:
         """Continue an existing file after its first ``rows`` rows; whatever follows them is cut off.
+
+        Parameters
+        ----------
+        size, sha256 : int, str or None
+            Bytes of these rows and of the header, and their digest, if they are known.
 
         Raises
         ------
         ValueError
-            The file has other columns, or fewer complete rows. It is left as it was.
+            The file has other columns, fewer complete rows, or is not what was written. It is left as it was.
         """
         history = cls.__new__(cls)
         history._name(path, columns)
         with history.path.open("r+b") as file:
-            lines = [file.readline() for _ in range(rows + 1)]
+            lines = read_rows(file, path, rows, size, sha256)
             if lines[0] != _line(history.columns):
                 raise ValueError(f"{path}: other columns than {', '.join(history.columns)}")
-            if not lines[-1].endswith(b"\n"):
-                complete = sum(line.endswith(b"\n") for line in lines) - 1
-                raise ValueError(f"{path}: has {complete} complete rows, expected at least {rows}")
             history.rows, history.size = rows, sum(map(len, lines))
+            history._hash = hashlib.sha256(b"".join(lines))
             file.truncate(history.size)
         return history
 
@@ -78,6 +91,7 @@ class History:
             file.write(line)
         self.rows += 1
         self.size += len(line)
+        self._hash.update(line)
 
     def last(self) -> dict[str, str] | None:
         """Return the last row as text by column; None if there is none."""
@@ -92,6 +106,25 @@ class History:
         self.columns = (*(name for name in columns if name != WALL_SECONDS), WALL_SECONDS)
         if len(set(self.columns)) < len(self.columns):
             raise ValueError(f"{self.path}: a column is named twice in {list(self.columns)}")
+
+
+def read_rows(file, path: str | Path, rows: int, size: int | None, sha256: str | None) -> list[bytes]:
+    """Return the header and the first rows of an open history, after a check that they are what was written.
+
+    Raises
+    ------
+    ValueError
+    """
+    lines = [file.readline() for _ in range(rows + 1)]
+    if not lines[-1].endswith(b"\n"):
+        complete = max(sum(line.endswith(b"\n") for line in lines) - 1, 0)
+        raise ValueError(f"{path}: has {complete} complete rows, expected at least {rows}")
+    found = sum(map(len, lines))
+    if size is not None and found != size:
+        raise ValueError(f"{path}: its {rows} rows have {found} bytes, {size} when they were written")
+    if sha256 is not None and hashlib.sha256(b"".join(lines)).hexdigest() != sha256:
+        raise ValueError(f"{path}: its {rows} rows are not those that were written")
+    return lines
 
 
 def _text(value: Any) -> str:

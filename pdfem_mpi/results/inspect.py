@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 
 from pdfem_mpi.results.checkpoint import Invalid, check, list_checkpoints
+from pdfem_mpi.results.cursor import find_damage
+from pdfem_mpi.results.summary import look_at_summary
 from pdfem_mpi.system.lock import owner_of
 
 Rows = list[tuple[str, str]]
@@ -62,6 +64,9 @@ def _describe_folder(folder: Path) -> tuple[str, Rows, str | None]:
         except Invalid as error:
             rows.append((path.name, f"not sound: {error}"))
             continue
+        if not sound:
+            damage = find_damage(folder, header["results"]) + look_at_summary(folder)[1]
+            rows.append(("results", "; ".join(damage) or "as they were written"))
         sound += 1
         state = header["state"]
         rows.append(

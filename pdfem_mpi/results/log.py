@@ -19,5 +19,5 @@ class RunLog:
     def line(self, text: str) -> None:
         """Write one line."""
         stamp = datetime.now().isoformat(sep=" ", timespec="seconds")
-        with contextlib.suppress(OSError), self.path.open("a", encoding="utf-8") as file:
+        with contextlib.suppress(OSError), self.path.open("a", encoding="utf-8", errors="backslashreplace") as file:
             file.write(f"{stamp}  {text}\n")

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from pdfem_mpi.results.labels import as_it_is
 from pdfem_mpi.system.files import replacing
 
 SIZE_INCHES, DPI = (8.0, 6.0), 150  # 1200 x 900 pixels
@@ -92,7 +93,7 @@ def axial_displacement(path: str | Path, stations: BarStations, title: str = "",
     ValueError
         As `BarStations.error_percent`; nothing is written then.
     """
-    unit = f" ({units})" if units else " (length units)"
+    unit = f" ({as_it_is(units)})" if units else " (length units)"
     error = stations.error_percent
     marker_size = float(
         np.clip(400.0 / len(error), *MARKER_SIZES)
@@ -121,7 +122,7 @@ def axial_displacement(path: str | Path, stations: BarStations, title: str = "",
         )
         figure.align_ylabels()
         if title:
-            figure.suptitle(title)
+            figure.suptitle(as_it_is(title))
         figure.savefig(temporary, format="png")
 
 
@@ -163,7 +164,7 @@ def displacement_along_line(path: str | Path, samples: LineSamples, title: str =
     units : str
         The deck's unit of length, a label only; "" if the deck names none.
     """
-    unit = f" ({units})" if units else " (length units)"
+    unit = f" ({as_it_is(units)})" if units else " (length units)"
     marker_size = float(np.clip(500.0 / len(samples.coordinate), *MARKER_SIZES))
     with matplotlib.rc_context(STYLE), replacing(path) as temporary:
         figure = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained")
@@ -185,7 +186,7 @@ def displacement_along_line(path: str | Path, samples: LineSamples, title: str =
             panel.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
             panel.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)
             panel.set_ylabel(f"displacement $u_{name}${unit}")
-        along = f"${samples.along}$" if len(samples.along) == 1 else samples.along
+        along = f"${samples.along}$" if len(samples.along) == 1 else as_it_is(samples.along)
         panels[-1].set_xlabel(f"position on the line, {along}{unit}")
         figure.legend(
             handles=panels[0].get_legend_handles_labels()[0],
@@ -194,7 +195,7 @@ def displacement_along_line(path: str | Path, samples: LineSamples, title: str =
             **LEGEND,
         )
         figure.align_ylabels()
-        figure.suptitle("\n".join(filter(None, (title, samples.where))))
+        figure.suptitle("\n".join(as_it_is(text) for text in (title, samples.where) if text))
         figure.savefig(temporary, format="png")
 
 

@@ -11,6 +11,7 @@ import matplotlib
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter, ScalarFormatter
 
+from pdfem_mpi.results.labels import as_it_is
 from pdfem_mpi.results.plots import STYLE
 from pdfem_mpi.system.files import replacing
 
@@ -99,12 +100,12 @@ def draw_study(
                     marker=marker,
                     markersize=5,
                     linewidth=1.2 if numeric else 0.0,
-                    label=curve.label,
+                    label=as_it_is(curve.label),
                 )
             _mark_axis(panel, values if numeric else None, words)
             unit = (units or {}).get(name, "")
-            panel.set_ylabel(name.replace("_", " ") + (f" ({unit})" if unit else ""))
-            panel.set_xlabel(along)
+            panel.set_ylabel(as_it_is(name.replace("_", " ") + (f" ({unit})" if unit else "")))
+            panel.set_xlabel(as_it_is(along))
             panel.yaxis.set_major_locator(MaxNLocator(6))
             panel.ticklabel_format(axis="y", scilimits=(-3, 5), useMathText=True)
         if len(series) > 1:
@@ -116,14 +117,14 @@ def draw_study(
                 frameon=False,
                 fontsize=10,
             )
-        figure.suptitle("\n".join(filter(None, (title, note))))
+        figure.suptitle("\n".join(as_it_is(text) for text in (title, note) if text))
         figure.savefig(temporary, format="png")
 
 
 def _mark_axis(panel, values: Sequence[float] | None, words: Sequence[str]) -> None:
     """Ticks at the values: numbers, on a logarithmic axis if they spread widely, or words."""
     if values is None:
-        panel.set_xticks(range(len(words)), words)
+        panel.set_xticks(range(len(words)), [as_it_is(word) for word in words])
         panel.margins(x=0.2)
         return
     if min(values) > 0.0 and max(values) / min(values) >= WIDE:

@@ -13,7 +13,9 @@ from typing import Literal
 import h5py
 import numpy as np
 
+from pdfem_mpi.results.frame_digest import FrameDigest
 from pdfem_mpi.results.guarded import guarded
+from pdfem_mpi.results.read_frames import read_digest
 from pdfem_mpi.system.files import replacing
 
 VERTEX, HEXAHEDRON = 1, 12  # VTK cell types
@@ -88,7 +90,11 @@ def create_elements(
 
 
 def append_frame(
-    path: str | Path, time: float, point_data: Arrays | None = None, cell_data: Arrays | None = None
+    path: str | Path,
+    time: float,
+    point_data: Arrays | None = None,
+    cell_data: Arrays | None = None,
+    digest: FrameDigest | None = None,
 ) -> None:
     """Append the fields at one time (or load factor); the first frame decides which fields there are.
 
@@ -100,6 +106,8 @@ def append_frame(
         Shown by the viewer as time.
     point_data, cell_data : dicts of arrays, shape (n,) or (n, k), optional
         Fields on points (or nodes) and on cells.
+    digest : FrameDigest, optional
+        Of the file so far; the frame is added to it when it is written.
 
     Raises
     ------
@@ -112,6 +120,7 @@ def append_frame(
         steps = root["Steps"]
         frame = int(steps.attrs["NSteps"])
         _cut(root, frame)
+        stored: dict[str, np.ndarray] = {}
         for kind, fields in (("PointData", point_data or {}), ("CellData", cell_data or {})):
             offsets = steps[kind + "Offsets"]
             if frame and set(fields) != set(offsets):
@@ -119,7 +128,7 @@ def append_frame(
                     f"{path}: frame {frame} has {kind} {sorted(fields)}, earlier frames {sorted(offsets)}"
                 )
             for name, values in fields.items():
-                values = _rows(root, kind, name, values)
+                values = stored[f"{kind}/{name}"] = _rows(root, kind, name, values)
                 if frame == 0:
                     offsets.create_dataset(name, (0,), "i8", maxshape=(None,), chunks=(STEPS_PER_CHUNK,))
                     _create_field(root[kind], name, values)
@@ -130,6 +139,13 @@ def append_frame(
         _extend(steps["Values"], time)
         file.flush()
         steps.attrs.modify("NSteps", np.int64(frame + 1))
+    if digest is not None:
+        digest.add_frame(time, {name: np.full(shape, value) for name, (shape, value) in STEP_ENTRIES.items()}, stored)
+
+
+def digest_of(path: str | Path, n_frames: int = 0) -> FrameDigest:
+    """Read a file and its first frames, and return their digest; errors as `read_frames.read_digest`."""
+    return read_digest(path, n_frames, tuple(STEP_ENTRIES))
 
 
 def frames(path: str | Path) -> int:

@@ -70,6 +70,12 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any], steps_done: int
     return refused, told
 
 
+def free_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Changes of labels and of what is measured and drawn: they end no run, but a deck may have changed by mistake."""
+    keys = (key for key in then if key in now and _is(key, FREE) and not _is(key, ("checkpoint",)))
+    return [f"{key} was {_show(then, key)}, the deck has {_show(now, key)}" for key in keys if then[key] != now[key]]
+
+
 def _flatten(value: Any, path: str, keys: dict[str, Any]) -> None:
     """Tables and lists of tables into dotted paths; lists of numbers stay whole."""
     tables = isinstance(value, list) and value and all(isinstance(item, dict) for item in value)

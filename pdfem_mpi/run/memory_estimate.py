@@ -21,6 +21,7 @@ from pdfem_mpi.body.share import Subdomain, cut_out, near_images, partition
 from pdfem_mpi.deck.scene import FileMesh, Scene, SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.parallel.comm import agree, largest, node_communicator, sum_integers
+from pdfem_mpi.system.limits import Limit, group_limit, own_limit
 
 #: Cells of a rank whose families are searched.
 SAMPLE = 128
@@ -170,25 +171,40 @@ def _count_bonds(discretization: Discretization, cells: np.ndarray) -> tuple[flo
 
 
 def _refuse(scene: Scene, comm, needed: float, what: str) -> None:
-    """Compare the needs of a node's ranks with the memory its processes may still take. Collective."""
+    """Compare the needs of a node's ranks with the memory that they may still take. Collective.
+
+    What is free, and what a container or job allows, are shared by all; limits of a process are its own.
+    """
     node = node_communicator(comm)
     whole = float(sum_integers(node, np.array([math.ceil(needed)]))[0])
     most = float(largest(node, np.array([needed]))[0])
-    available = -float(largest(node, np.array([-float(psutil.virtual_memory().available)]))[0])
+    free = Limit(float(psutil.virtual_memory().available), "")
+    shared = min(free, group_limit() or free)
+    available = -float(largest(node, np.array([-shared.bytes]))[0])
     first, ranks = node.rank == 0, node.size
     node.Free()
     messages = []
-    if whole > available and first:
-        is_file = isinstance(scene.mesh, FileMesh)
-        mesh = f"mesh.path = {scene.mesh.path}" if is_file else f"mesh.spacing = {scene.mesh.spacing:g}"
+    own = own_limit()
+    if own and needed > own.bytes:
+        messages = [_too_large(scene, what, needed, "", own)]
+    elif whole > available and first:
         shares = f" for {ranks} ranks, {show_bytes(most)} for the largest" if ranks > 1 else ""
-        messages = [
-            f"{mesh} does not fit into memory: {what} needs "
-            f"{show_bytes(whole)}{shares}, and {platform.node() or 'this computer'} has {show_bytes(available)} "
-            "available. Use larger cells, a smaller peridynamic region, or more computers."
-        ]
+        messages = [_too_large(scene, what, whole, shares, Limit(available, shared.what))]
     if messages := agree(comm, messages):
         raise SceneError(messages)
+
+
+def _too_large(scene: Scene, what: str, needed: float, shares: str, limit: Limit) -> str:
+    """A sentence about a scene that needs more than a limit leaves."""
+    is_file = isinstance(scene.mesh, FileMesh)
+    mesh = f"mesh.path = {scene.mesh.path}" if is_file else f"mesh.spacing = {scene.mesh.spacing:g}"
+    where = limit.what or platform.node() or "this computer"
+    remedy = ", raise the limit" if limit.what else ""
+    return (
+        f"{mesh} does not fit into memory: {what} needs {show_bytes(needed)}{shares}, and {where} has "
+        f"{show_bytes(limit.bytes)} available. Use larger cells, a smaller peridynamic region{remedy}, or more "
+        "computers."
+    )
 
 
 def show_bytes(n: float) -> str:

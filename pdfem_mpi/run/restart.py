@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import copy
 import hashlib
-import json
 import os
 import platform
 import sys
@@ -26,15 +25,17 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import FIELDS, State
 from pdfem_mpi.parallel.comm import NotWritten, broadcast
 from pdfem_mpi.peridynamics.failure import Failure
-from pdfem_mpi.run.identity import differences, identity, sha256
-from pdfem_mpi.run.tables import make_layout, read_broken, read_fields, total_broken, write_tables
+from pdfem_mpi.results.cursor import find_damage, free_name
+from pdfem_mpi.results.summary import look_at_summary
+from pdfem_mpi.run.identity import differences, free_changes, identity, sha256
+from pdfem_mpi.run.tables import BROKEN, Layout, make_layout, read_broken, read_fields, total_broken, write_tables
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.system import faults
 from pdfem_mpi.system.launcher import cpu_name
 from pdfem_mpi.system.signals import Requests
 
 if TYPE_CHECKING:
-    pass
+    from pdfem_mpi.results.checkpoint import Reader
 
 EXIT_USAGE, EXIT_NO_CHECKPOINT, EXIT_NOT_WRITTEN = 64, 65, 73
 FOLDER = "checkpoints"
@@ -131,7 +132,7 @@ def choose_start(out: Path, resume: str, overwrite: bool) -> Start:
     if resume not in (AUTO, NEVER, CONTINUE):
         return _start_from(out, Path(resume))
     found = list_checkpoints(out / FOLDER)
-    status = _status(out)
+    status, notes = look_at_summary(out)
     if (resume == NEVER and (status or found)) or (resume == AUTO and (status == "finished" or (status and not found))):
         raise Refused(
             EXIT_USAGE,
@@ -139,15 +140,17 @@ def choose_start(out: Path, resume: str, overwrite: bool) -> Start:
         )
     if not found:
         begun = (out / "deck.toml").exists()
-        return Start(notes=["there is no checkpoint yet: starting at the beginning"] if begun else [])
-    notes: list[str] = []
+        return Start(notes=[*notes, "there is no checkpoint yet: starting at the beginning"] if begun else [])
     passed: list[tuple[Path, str]] = []
     for _, path in found:
-        header, reason, fate = _look_at(out, path)
+        header, reason = _look_at(path)
         if reason is None:
-            return Start(path, header, passed, notes, status == "finished")
+            # a run that is finished has a last checkpoint that says so: without it, the end is made again
+            over = status == "finished" and not passed and bool(header["state"]["program"].get("over"))
+            damage = find_damage(out, header["results"]) if over else []
+            return Start(path, header, passed, notes + damage, over and not damage)
         notes.append(f"{path.name} is passed over: {reason}")
-        passed.append((path, fate))
+        passed.append((path, "damaged"))
     reasons = "; ".join(note.replace(" is passed over", "") for note in notes)
     raise Refused(
         EXIT_NO_CHECKPOINT,
@@ -164,50 +167,23 @@ def _start_from(out: Path, path: Path) -> Start:
     except Invalid as error:
         raise Refused(EXIT_NO_CHECKPOINT, f"{path}: {error}. Give another checkpoint.") from None
     if path.parent.resolve() == (out / FOLDER).resolve():
-        reason = _results_short(out, header["results"])
-        if reason:
-            raise Refused(EXIT_NO_CHECKPOINT, f"{path}: {reason}. Give an older checkpoint.")
         newer = [p for _, p in list_checkpoints(out / FOLDER) if p.name > path.name]
         return Start(path, header, [(p, "superseded") for p in newer])
-    if _status(out) or list_checkpoints(out / FOLDER):
+    if look_at_summary(out)[0] or list_checkpoints(out / FOLDER):
         raise Refused(EXIT_USAGE, f"the folder {out} already holds a run. Use another folder with --out.")
     return Start(path, {**header, "results": {}}, notes=["results begin at this checkpoint: it is of another folder"])
 
 
-def _look_at(out: Path, path: Path) -> tuple[dict[str, Any], str | None, str]:
-    """Header of a checkpoint, or why it cannot be used and what becomes of it."""
+def _look_at(path: Path) -> tuple[dict[str, Any], str | None]:
+    """Header of a checkpoint, or why it cannot be used."""
     from pdfem_mpi.results.checkpoint import Invalid, check
 
     try:
-        header = check(path)
+        return check(path), None
     except Invalid as error:
         if error.newer:
             raise Refused(EXIT_NO_CHECKPOINT, f"{path}: {error}. Use that version of pdfem_mpi.") from None
-        return {}, str(error), "damaged"
-    return header, _results_short(out, header["results"]), "superseded"
-
-
-def _results_short(out: Path, results: dict[str, dict[str, int]]) -> str | None:
-    """Why result files hold less than a checkpoint says, if they do; missing and unreadable ones are another matter."""
-    from pdfem_mpi.results import vtkhdf
-
-    for name, cursor in results.items():
-        with contextlib.suppress(OSError, KeyError, RuntimeError, ValueError):
-            if "bytes" in cursor and (size := (out / name).stat().st_size) < cursor["bytes"]:
-                return f"{name} has {size} bytes, {cursor['bytes']} when it was written"
-            if "frames" in cursor and (frames := vtkhdf.frames(out / name)) < cursor["frames"]:
-                return f"{name} has {frames} frames, {cursor['frames']} when it was written"
-    return None
-
-
-def _status(out: Path) -> str | None:
-    """The status in summary.json; "unknown" if there is one that cannot be read."""
-    try:
-        return str(json.loads((out / "summary.json").read_text(encoding="utf-8"))["status"])
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, KeyError, TypeError):
-        return "unknown"
+        return {}, str(error)
 
 
 def compare(start: Start, keys: dict[str, Any], force: bool) -> list[str]:
@@ -228,6 +204,7 @@ def compare(start: Start, keys: dict[str, Any], force: bool) -> list[str]:
             f"{start.path}: written for another scene: {'; '.join(refused)}. Restore these keys, or choose a new "
             "folder with --out.",
         )
+    told += free_changes(header["keys"], keys)
     now = _environment()
     for what in ("versions", "cpu", "code_sha256"):
         if header[what] != now[what]:
@@ -253,6 +230,8 @@ def restore(start: Start, discretization: Discretization, model: Model, state: S
     ------
     OSError
         On all ranks.
+    Refused
+        Its tables are not those of the scene.
     """
     saved = start.header["state"]
     state.step, state.load_factor = saved["step"], saved["load_factor"]
@@ -261,9 +240,21 @@ def restore(start: Start, discretization: Discretization, model: Model, state: S
     state.began = perf_counter() - saved["seconds"]
     for name in saved.get("fields", [entry.name for entry in FIELDS]):  # all, before they were named
         state.add(name)
+    layout = make_layout(discretization, model)
     with _reader(start.path, model.comm) as reader:
-        read_fields(model, make_layout(discretization, model), state, reader)
+        fault = broadcast(model.comm, _shape_fault(layout, state, reader) if reader else None)
+        if fault:
+            raise Refused(EXIT_NO_CHECKPOINT, f"{start.path}: {fault}. Start again with --overwrite.")
+        read_fields(model, layout, state, reader)
         return read_broken(model, reader)
+
+
+def _shape_fault(layout: Layout, state: State, reader: Reader) -> str | None:
+    """Which table of a checkpoint has not the rows that this scene has; None if all have."""
+    for name, (rows, width, _) in layout.tables(0, False, state.fields).items():
+        if name != BROKEN and reader.shape(name) != (rows, width):
+            return f"its table {name} has shape {reader.shape(name)}, and the scene needs {(rows, width)}"
+    return None
 
 
 def _fill(bounds: Bounds, saved: dict[str, Any]) -> None:
@@ -540,7 +531,7 @@ def take_over(start: Start, folder: Path) -> None:
     remove_stale(folder)
     for path, fate in start.passed:
         with contextlib.suppress(FileNotFoundError):
-            os.replace(path, path.with_name(f"{path.name}.{fate}"))
+            os.replace(path, free_name(path, fate))
 
 
 def job_name() -> str:

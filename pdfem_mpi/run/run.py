@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import math
 import os
 import platform
 import shutil
 import sys
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -37,10 +38,12 @@ from pdfem_mpi.peridynamics.bonds import count_by_material, total_bonds
 from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.peridynamics.failure import Failure, describe_criterion, make_failure
 from pdfem_mpi.peridynamics.fit.fit import EXPECTED_SWEEPS, SWEEP_RATE, BodyFit
-from pdfem_mpi.results.cursor import continue_frames, continue_history, flushed, set_aside
+from pdfem_mpi.results.cursor import continue_frames, continue_history, flushed, set_aside, unchecked
+from pdfem_mpi.results.frame_digest import FrameDigest
+from pdfem_mpi.results.labels import attempt
 from pdfem_mpi.results.lines import write_line
 from pdfem_mpi.results.log import RunLog
-from pdfem_mpi.results.summary import write_summary
+from pdfem_mpi.results.summary import sealed, write_summary
 from pdfem_mpi.run.compilation import compile_kernels, not_compiled
 from pdfem_mpi.run.identity import identity
 from pdfem_mpi.run.memory_estimate import Need, check_mesh, check_model, resident, show_bytes
@@ -100,11 +103,14 @@ class Reporter(Protocol):
         """Print the table at the end."""
 
 
-def draw_run(folder: Path, scene: Scene, film: bool = False) -> list[Path]:
-    """Draw the figures of a run with failure from its result files, on this rank alone; the paths drawn."""
+def draw_run(folder: Path, scene: Scene, warn: Callable[[str], None], film: bool = False) -> list[Path]:
+    """Draw the figures of a run with failure from its result files, on this rank alone; the paths drawn.
+
+    ``warn`` hears of figures that could not be drawn.
+    """
     from pdfem_mpi.results.failure_plots import draw_failure
 
-    return draw_failure(folder, scene.title, scene.units.length, scene.units.force, film)
+    return draw_failure(folder, scene.title, scene.units.length, scene.units.force, film, warn=warn)
 
 
 def warm_up(comm, features: Collection[str] | None = None) -> None:
@@ -254,7 +260,7 @@ class _Run:
         self.overwrite, self.reporter, self.ways = overwrite, reporter, ways
         self.seconds: dict[str, float] = {}
         self.lock: Lock | None = None
-        self.frame_files: list[str] = []
+        self.frame_files: dict[str, FrameDigest] = {}
         self.energy_error: float | None = None
         self.smallest_eigenvalue: float | None = None
         self.stable: bool | None = None
@@ -290,6 +296,7 @@ class _Run:
             return None, (EXIT_NOT_WRITTEN, str(error))
         except Refused as error:
             return None, (error.code, str(error))
+        start.notes += unchecked(start.results)
         if self.lock.note:
             start.notes.insert(0, self.lock.note)
         return start, None
@@ -413,7 +420,7 @@ class _Run:
         with _phase(self.seconds, "output"):
             if code != EXIT_STOPPED:  # who stops a run is in a hurry
                 on_root(comm, self._write_lines)
-                on_root(comm, self._draw)
+                on_root(comm, lambda: attempt(self._draw, self.out / "figures", self._warn))
         self.seconds["total"] = perf_counter() - self.started
         summary = None
         if comm.rank == 0:
@@ -421,7 +428,9 @@ class _Run:
                 code, reason, counts, model, evaluations, phases, memory, loads, discretization, by_material, state,
                 keeper, fields_sha256(fields) if fields else digest,
             )
-        on_root(comm, lambda: write_summary(self.out / "summary.json", summary))
+        if code == EXIT_FINISHED:
+            on_root(comm, self._remove_stacks)
+        on_root(comm, lambda: write_summary(self.out / "summary.json", sealed(summary, self.out)))
         if comm.rank == 0:
             self.reporter.table(scene.title or self.out.name, _end_table(summary, scene))
             self.reporter.table("memory: what was allocated, and what was left out", table_of(summary))
@@ -473,11 +482,13 @@ class _Run:
             from pdfem_mpi.results import vtkhdf
 
             def is_new(name):
-                self.frame_files.append(name)
                 if start.other_fields:
                     set_aside(out / name, "output was changed", note, "before")
                 cursor = None if start.other_fields else start.results.get(name)
-                return cursor is None or not continue_frames(out / name, cursor, note)
+                digest = None if cursor is None else continue_frames(out / name, cursor, note)
+                if digest:
+                    self.frame_files[name] = digest
+                return digest is None
 
             attributes = {"pdfem_mpi_version": __version__, "deck_sha256": _sha256(self.deck_text)}
             if discretization.has_points.any():
@@ -492,6 +503,7 @@ class _Run:
                         data | {"overlap": overlap},
                         attributes=attributes,
                     )
+                    self.frame_files["points.vtkhdf"] = vtkhdf.digest_of(out / "points.vtkhdf")
                 frames.append(("points.vtkhdf", lambda fields: fields.u_points))
             if discretization.has_nodes.any():
                 carrying = discretization.node_number >= 0
@@ -508,6 +520,7 @@ class _Run:
                         },
                         attributes=attributes,
                     )
+                    self.frame_files["elements.vtkhdf"] = vtkhdf.digest_of(out / "elements.vtkhdf")
                 frames.append(("elements.vtkhdf", lambda fields: fields.u_nodes))
 
         def write(columns: dict[str, Any], fields: Fields, damage: np.ndarray | None) -> None:
@@ -516,7 +529,7 @@ class _Run:
                 arrays = {"displacement": pick(fields)}
                 if damage is not None and name == "points.vtkhdf":
                     arrays["damage"] = damage
-                vtkhdf.append_frame(out / name, columns["load_factor"], arrays)
+                vtkhdf.append_frame(out / name, columns["load_factor"], arrays, digest=self.frame_files[name])
 
         return write
 
@@ -545,18 +558,27 @@ class _Run:
             u = [values if known else None for values, known in zip(line.displacement, inside, strict=True)]
             write_line(self.out / "lines" / f"{name}.csv", zip(line.distance, line.position, u, line.kind, strict=True))
 
+    def _remove_stacks(self) -> None:
+        """What earlier starts left where they hung says nothing of a run that finished."""
+        for path in self.out.glob("run.r*.hang"):
+            with suppress(OSError):
+                path.unlink()
+
+    def _warn(self, text: str) -> None:
+        self.reporter.line(f"warning: {text}")
+
     def _draw(self) -> None:
         if not self.scene.output.figures:
             return
         if int((self.history.last() or {}).get("broken_bonds") or 0):
-            draw_run(self.out, self.scene)
+            draw_run(self.out, self.scene, self._warn)
         if not (self.bar or self.lines):
             return
         from pdfem_mpi.results import plots
 
         (self.out / "figures").mkdir(exist_ok=True)
         if self.bar:
-            self._draw_bar(plots)
+            attempt(lambda: self._draw_bar(plots), self.out / "figures" / "axial_displacement.png", self._warn)
         for name, line in self.lines.items():
             moving = np.flatnonzero(np.ptp(line.position, axis=0) > 0.0)
             on_axis = len(moving) == 1
@@ -569,7 +591,8 @@ class _Run:
                 f"line {name}" + (f": {', '.join(fixed)}" if on_axis else ""),
             )
             path = self.out / "figures" / f"line_{name}.png"
-            plots.displacement_along_line(path, samples, self.scene.title, self.scene.units.length)
+            texts = self.scene.title, self.scene.units.length
+            attempt(functools.partial(plots.displacement_along_line, path, samples, *texts), path, self._warn)
 
     def _draw_bar(self, plots) -> None:
         axis = next(probe.axis for probe in self.scene.probes if isinstance(probe, BarProbe))

@@ -8,6 +8,7 @@ import errno
 import os
 from unittest.mock import patch
 
+import h5py
 import numpy as np
 import pytest
 
@@ -17,6 +18,7 @@ from pdfem_mpi.model.state import FIELDS
 from pdfem_mpi.parallel import slabs as gathering
 from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.parallel.slabs import gather_pairs
+from pdfem_mpi.results import checkpoint
 from pdfem_mpi.results.checkpoint import Writer, list_checkpoints, open_checkpoint
 from pdfem_mpi.run import tables
 from pdfem_mpi.run.tables import BROKEN, make_layout, read_broken, read_fields, total_broken, write_tables
@@ -156,6 +158,30 @@ def test_ranks_agree_when_a_checkpoint_cannot_be_read(comm, mpi_tmp_path):
         except OSError as error:
             raised.append("Input/output error" in str(error))
     assert_all(comm, raised == [True, True], f"{raised}")
+
+
+def test_ranks_agree_about_tables_of_another_body_and_about_damaged_results(comm, mpi_tmp_path):
+    """A sealed file with fewer rows is refused on all ranks; a damaged history steps aside, and the run goes on."""
+    out = mpi_tmp_path / f"run {comm.size} {broadcast(comm, mpi().COMM_WORLD.rank)}"
+    assert_all(comm, go(often(), comm, out, requests=StopAt(60)) == STOPPED)
+    if comm.rank == 0:
+        path = list_checkpoints(out / "checkpoints")[0][1]
+        whole, history = path.read_bytes(), (out / "history.csv").read_bytes()
+        with h5py.File(path, "r+", libver=("v110", "v110")) as file:
+            for name in list(file["points"]):
+                rows = file[f"points/{name}"][:-8]
+                del file[f"points/{name}"]
+                file[f"points/{name}"] = rows
+        checkpoint._seal(path)
+    comm.Barrier()
+    code = go(often(), comm, out)
+    if comm.rank == 0:
+        path.write_bytes(whole)
+        (out / "history.csv").write_bytes(history[:-1] + b"7")
+    comm.Barrier()
+    assert_all(comm, code == NO_CHECKPOINT)
+    assert_all(comm, go(often(), comm, out) == FINISHED)
+    assert_all(comm, comm.rank or (out / "history.csv.damaged").exists())
 
 
 def test_second_job_is_refused_on_all_ranks(comm, mpi_tmp_path):

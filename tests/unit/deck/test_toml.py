@@ -126,7 +126,10 @@ def test_any_title_survives_writing(title):
     assert parse_deck(write_deck(scene), "x").title == title
 
 
-@pytest.mark.parametrize("number", [1e22, 5e-324, 0.1 + 0.2, 1.7976931348623157e308, 12345678901234567890.0])
+EXTREMES = [1e22, 1.0000000000000002e-99, 0.1 + 0.2, 9.999999999999999e99, 12345678901234567890.0]
+
+
+@pytest.mark.parametrize("number", EXTREMES)
 def test_floats_survive_writing_bit_for_bit(number):
     scene = parse_deck(SOUND, "x", [f"material.youngs_modulus={number!r}"])
     assert parse_deck(write_deck(scene), "x").material.youngs_modulus == number
@@ -287,7 +290,7 @@ def test_missing_key_has_an_example():
         ("material.youngs_modulus=true", "true is not a number"),
         ("material.youngs_modulus=2024-01-01", "2024-01-01 is not a number"),
         ("material.youngs_modulus=[1.0]", "[1.0] is not a number"),
-        ("material.youngs_modulus=" + "1" * 400, "a whole number of 400 digits is too large"),
+        ("material.youngs_modulus=" + "1" * 400, "a whole number of 400 digits is beyond 1e+100"),
         ("material.youngs_modulus=-1.0", "-1.0 is out of range. Use a number above 0"),
         ("material.youngs_modulus=0", "0 is out of range"),
         ("material.youngs_modulus=nan", "nan is not finite. Use a number above 0"),

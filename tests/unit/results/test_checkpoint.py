@@ -24,7 +24,13 @@ from pdfem_mpi.results.checkpoint import (
 )
 
 TABLES = {"points/u": (700, 3, np.dtype("<f8")), "broken": (5, 2, np.dtype("<u4")), "nodes/u": (0, 3, np.dtype("<f8"))}
-HEADER = {"state": {"step": 3, "load_factor": 0.1 + 0.2, "program": {"relaxing": 1}}, "text": "größer"}
+STATE = {"step": 3, "load_factor": 0.1 + 0.2, "iteration": 2, "spent": 7, "seconds": 1.5, "program": {"relaxing": 1}}
+HEADER = {
+    "written": "now", "versions": {"pdfem_mpi": "0"}, "cpu": "", "code_sha256": "", "ranks": 1, "fingerprint": "",
+    "keys": {},
+    "state": {**STATE, "bounds": {"bond": 0.1, "element": 0.0, "parts": {}}}, "broken_bonds": 5, "failure": None,
+    "evaluations": 9, "seconds": 2, "restarts": [], "results": {}, "text": "größer",
+}  # fmt: skip
 FLIPS = 60  # of the default suite; 300 with --all
 
 

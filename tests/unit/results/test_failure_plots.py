@@ -38,7 +38,7 @@ def run_folder(path, damage=True, rows=ROWS):
 
 
 def test_all_figures(tmp_path):
-    drawn = draw_failure(run_folder(tmp_path), "a plate", "mm", "N", film=True)
+    drawn = draw_failure(run_folder(tmp_path), "a plate", "mm", "N", film=True, warn=pytest.fail)
     assert [path.name for path in drawn] == ["reaction.png", "energies.png", "damage.png", "damage.gif"]
     assert all(path.parent == tmp_path / "figures" and path.stat().st_size > 5000 for path in drawn)
     assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == sorted(path.name for path in drawn)
@@ -47,7 +47,7 @@ def test_all_figures(tmp_path):
 
 def test_the_crack_is_seen(tmp_path):
     """Dark pixels of the last stage stand in the middle of the plate."""
-    draw_failure(run_folder(tmp_path), "", "", "")
+    draw_failure(run_folder(tmp_path), "", "", "", warn=pytest.fail)
     picture = matplotlib.image.imread(tmp_path / "figures" / "damage.png")[:, :, :3]
     height, width = picture.shape[:2]
     panel = picture[int(0.2 * height) : int(0.3 * height), int(0.56 * width) : int(0.8 * width)]  # the second of two
@@ -60,10 +60,10 @@ def test_the_crack_is_seen(tmp_path):
 def test_without_damage_or_breaks(tmp_path):
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
-    drawn = draw_failure(run_folder(tmp_path / "a", damage=False), "", "", "", film=True)
+    drawn = draw_failure(run_folder(tmp_path / "a", damage=False), "", "", "", film=True, warn=pytest.fail)
     assert [path.name for path in drawn] == ["reaction.png", "energies.png"]
     (tmp_path / "b" / "history.csv").write_text("step,load_factor\n1,1.0\n")
-    assert draw_failure(tmp_path / "b", "", "", "") == []
+    assert draw_failure(tmp_path / "b", "", "", "", warn=pytest.fail) == []
 
 
 def test_history_is_read_with_gaps(tmp_path):
