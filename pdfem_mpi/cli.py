@@ -180,6 +180,9 @@ def main() -> None:
         if message:  # empty after the help that a bare `pdfem` prints
             _print_problems([f"pdfem: {message}.{hint}"], launch.rank_by_launcher())
         code = EXIT_USAGE
+    except launch.LaunchError as error:
+        _print_problems([f"pdfem: {error}"], launch.rank_by_launcher())
+        code = EXIT_USAGE
     except typer.Abort:
         code = 130
     except Exception:
@@ -206,7 +209,7 @@ def _fail(messages: Iterable[str], rank: int) -> typer.Exit:
 
 def _start_world(ranks: int | None) -> Any:
     """Initialise MPI, guard against a launcher of another library, and return the communicator."""
-    launch.prepare_environment()
+    note = launch.prepare_environment()
     from pdfem_mpi.parallel import comm as parallel
 
     try:
@@ -233,6 +236,10 @@ def _start_world(ranks: int | None) -> Any:
             ],
             comm.rank,
         )
+    # before numba loads: a rank whose own look at the cache went otherwise compiles where the others of its node do
+    os.environ["NUMBA_CACHE_DIR"] = parallel.same_on_node(comm, os.environ["NUMBA_CACHE_DIR"])
+    if note:
+        _print_problems([f"pdfem: note: {note}"], comm.rank)
     return comm
 
 

@@ -11,6 +11,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "pdfem_mpi"
 # From the ground up. A module belongs to the longest name that begins its own; a package's modules may import
 # each other, everything else imports from lower rows only.
 LEVELS = (
+    ("private_folders", "plain_files"),
     ("hex8", "launch", "signals", "faults", "background_grid", "factor_cache", "heap", "held"),
     ("kernels", "scene", "parallel.comm", "parallel.bisection"),
     ("deck", "materials", "mesh", "mirrors", "parallel.halo", "pausing", "watchdog", "dissection", "killing"),
