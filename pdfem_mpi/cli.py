@@ -14,6 +14,7 @@ import math
 import os
 import platform
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -184,6 +185,10 @@ def main() -> None:
         _print_problems([f"pdfem: {error}"], launch.rank_by_launcher())
         code = EXIT_USAGE
     except typer.Abort:
+        if launch.launcher_variable() is not None:
+            # a launcher lets the other ranks wait for ever in the start of MPI when one has left with a code
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            os.kill(os.getpid(), signal.SIGINT)
         code = 130
     except Exception:
         # typer has replaced the hook at the call; ours, if a command has set it, ends all ranks here
@@ -243,6 +248,12 @@ def _start_world(ranks: int | None) -> Any:
     return comm
 
 
+def _let_interrupts_end_all(comm: Any) -> None:
+    """Let Ctrl-C end a rank by the signal itself: one that left in an orderly way would wait for the others."""
+    if comm.size > 1 and signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def _read_scene(deck: Path, overrides: list[str], comm: Any) -> Scene:
     """Return the scene on every rank: rank 0 reads, the text travels, all validate the same. Collective."""
     from pdfem_mpi.parallel import comm as parallel
@@ -284,7 +295,7 @@ def run(
     """Solve the case of DECK and write a run folder; go on where an earlier start of the same run was stopped."""
     folder = out or Path("runs") / deck.stem
     ways = {"resume": resume, "steal_lock": steal_lock, "force": force}
-    return _run(deck, ranks, _overrides(overrides, minutes), folder, overwrite, max_hours, ways)
+    return _run(deck, ranks, _overrides(overrides, minutes), folder, overwrite, max_hours, ways | {"deck": deck})
 
 
 @app.command()
@@ -364,6 +375,7 @@ def info(
 def check(deck: DeckArgument, overrides: SetOption = None) -> int:
     """Validate DECK and print what a run would allocate."""
     comm = _start_world(None)
+    _let_interrupts_end_all(comm)
     scene = _read_scene(deck, overrides or [], comm)
     from pdfem_mpi.run import check_scene
 
@@ -387,6 +399,11 @@ def plot(
 
     try:
         scene = read_deck(folder / "deck.toml")
+        from pdfem_mpi.results.ownership import is_run, refuse_folder
+
+        refusal = refuse_folder(folder) or (None if is_run(folder) else f"{folder} holds no run. Give a run folder.")
+        if refusal:
+            raise _fail([f"pdfem: {refusal}"], 0)
         drawn = draw_run(folder, scene, film)
     except DeckError as error:
         raise _fail(error.messages, 0) from None
@@ -405,6 +422,7 @@ def plot(
 def warmup() -> int:
     """Compile all kernels into the cache, for images and continuous integration."""
     comm = _start_world(None)
+    _let_interrupts_end_all(comm)
     from pdfem_mpi.run import warm_up
 
     start = time.perf_counter()
@@ -511,6 +529,7 @@ def study(
         members = studies.make_members(deck, axes, overrides)
         if ranks is not None and ranks > 1:
             launch.mpirun_command(ranks)  # a missing launcher is told once, not by every member
+        studies.check_folder(folder)
         changed = [] if overwrite else studies.changed_members(members, folder)
     except DeckError as error:
         raise _fail(error.messages, 0) from None

@@ -122,18 +122,18 @@ class Pauses:
 
     def resumed(self, state: Any) -> None:
         """The state is that of a checkpoint: none is written until it has moved on."""
-        self._kept, self._step = _place(state), state.step
+        self._kept, self._step = place_of(state), state.step
 
     def save(self, state: Any) -> bool:
         """Keep a checkpoint unless this very state has one. Collective."""
-        if self._kept == _place(state):
+        if self._kept == place_of(state):
             return True  # not twice
         start = monotonic()
         kept = self.keeper.save(state)
         self._last = monotonic()
         self.cost, self._step = self._last - start, state.step
         if kept:
-            self._kept = _place(state)
+            self._kept = place_of(state)
         return kept
 
     def _steps_due(self, state: Any) -> bool:
@@ -148,6 +148,6 @@ def _due(count: int, every: int | None) -> bool:
     return every is not None and count > 0 and count % every == 0
 
 
-def _place(state: Any) -> tuple[float, ...]:
+def place_of(state: Any) -> tuple[float, ...]:
     """Where a run is: no two states of one run have the same, and all ranks agree."""
     return state.step, state.iteration, state.spent, *state.program.values()

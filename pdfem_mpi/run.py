@@ -6,7 +6,6 @@ import hashlib
 import math
 import os
 import platform
-import shutil
 import sys
 from collections.abc import Collection
 from contextlib import suppress
@@ -22,6 +21,7 @@ from pdfem_mpi.body_fit import EXPECTED_SWEEPS, SWEEP_RATE, BodyFit
 from pdfem_mpi.bonds import count_by_material, total_bonds
 from pdfem_mpi.components import describe_loose
 from pdfem_mpi.damage import Remaining
+from pdfem_mpi.deck import read_deck, write_deck
 from pdfem_mpi.discretization import Discretization, ModelUnits, discretize, make_mesh
 from pdfem_mpi.element_rotations import TOLD, describe_rotation, largest_rotation
 from pdfem_mpi.failure import Failure, describe_criterion, make_failure
@@ -35,10 +35,11 @@ from pdfem_mpi.memory import Need, check_mesh, check_model, resident, show_bytes
 from pdfem_mpi.model import Model, build_model
 from pdfem_mpi.needs import Watched, count_parts, describe_memory, features_of, left_out, table_of
 from pdfem_mpi.parallel.comm import NotWritten, agree, broadcast, largest, node_communicator, on_root, sum_integers
-from pdfem_mpi.pausing import Pauses, Stopped
+from pdfem_mpi.pausing import Pauses, Stopped, place_of
 from pdfem_mpi.probes import Bar, Line, bar_results, displacement_at, measure_bar, measure_line
 from pdfem_mpi.restart import (
     EXIT_NOT_WRITTEN,
+    EXIT_USAGE,
     Keeper,
     Refused,
     Start,
@@ -55,11 +56,13 @@ from pdfem_mpi.results.files import replacing
 from pdfem_mpi.results.lines import write_line
 from pdfem_mpi.results.lock import Lock, Locked
 from pdfem_mpi.results.log import RunLog
+from pdfem_mpi.results.ownership import DECK, RESULTS, SUMMARY, Written, free_name, refuse_deck, refuse_folder
+from pdfem_mpi.results.starts import Starts
 from pdfem_mpi.results.summary import write_summary
 from pdfem_mpi.scene import BarProbe, DisplacementProbe, FileMesh, LineProbe, Scene, SceneError, Steps
 from pdfem_mpi.solvers.convergence import NotConverged, Progress
 from pdfem_mpi.solvers.stability import smallest_eigenvalue
-from pdfem_mpi.state import State, new_state
+from pdfem_mpi.state import new_state
 from pdfem_mpi.stepping import Report, follow_load_program, make_solver
 from pdfem_mpi.watchdog import Asleep, Watchdog, patience
 
@@ -252,6 +255,9 @@ class _Run:
         self.overwrite, self.reporter, self.ways = overwrite, reporter, ways
         self.seconds: dict[str, float] = {}
         self.lock: Lock | None = None
+        self.written: Written | None = None  # these two on rank 0 alone
+        self.starts: Starts | None = None
+        self.new_deck = False
         self.frame_files: list[str] = []
         self.energy_error: float | None = None
         self.smallest_eigenvalue: float | None = None
@@ -270,17 +276,29 @@ class _Run:
                 raise Refused(*refusal)
             hang = self.out / f"run.r{self.comm.rank}.hang"
             with Watchdog(self.comm, hang, patience()) if self.ways.watched else Asleep():
-                return self._go(start)
+                code = self._go(start)
+        except (SceneError, Refused):
+            self._take_back()
+            raise
+        except Stopped as stop:
+            self.reporter.line(f"pdfem: stopped: {stop}. The same command starts again.")
+            if self.starts:
+                self.starts.end(perf_counter() - self.started, EXIT_STOPPED, True, [])
+            code = EXIT_STOPPED
         finally:
             if self.lock:
                 self.lock.release()
             for path in new:  # a run that was refused leaves no empty folder
                 with suppress(OSError):
                     path.rmdir()
+        return code
 
     def _enter(self) -> tuple[Start | None, tuple[int, str] | None]:
         """Take the folder, and decide where to start."""
+        if refusal := refuse_folder(self.out) or self._refuse_deck():
+            return None, (EXIT_USAGE, refusal)
         self.out.mkdir(parents=True, exist_ok=True)
+        written = Written(self.out)
         try:
             self.lock = Lock(self.out, os.environ.get("SLURM_JOB_ID", ""), self.ways.steal_lock)
             start = choose_start(self.out, self.ways.resume, self.overwrite)
@@ -288,9 +306,83 @@ class _Run:
             return None, (EXIT_NOT_WRITTEN, str(error))
         except Refused as error:
             return None, (error.code, str(error))
+        self.ways.requests.clean_up.append(self.lock.release)
         if self.lock.note:
             start.notes.insert(0, self.lock.note)
+        self.written = written
+        self._begin(start)
         return start, None
+
+    def _refuse_deck(self) -> str | None:
+        """Why this deck must not be run in this folder."""
+        if self.ways.deck is None:
+            return None
+        return refuse_deck(self.out, self.ways.deck, self._says_the_same(self.out / DECK))
+
+    def _says_the_same(self, path: Path) -> bool:
+        """Whether a deck is that of this run, however it is written."""
+        with suppress(SceneError):
+            return write_deck(read_deck(path)) == self.deck_text
+        return False
+
+    def _begin(self, start: Start) -> None:
+        """Leave a first word of this start in the folder: one that is stopped or killed from now on is known."""
+        header = start.header
+        self.starts = Starts(self.out, self.overwrite, (header.get("seconds", 0.0), header.get("restarts", [])))
+        restart = None
+        if start.path or not self.starts.is_first:
+            restart = {
+                "checkpoint": start.path.name if start.path else None,
+                "step": header["state"]["step"] if start.path else 0,
+                "iteration": header["state"]["iteration"] if start.path else 0,
+                "ranks": self.comm.size,
+                "seconds_before": self.starts.seconds_before,
+                "notes": start.notes,
+            }
+        self.written.begin()
+        self.starts.begin(restart)
+        start.seconds_before, start.restarts = self.starts.seconds_before, self.starts.restarts
+        self.new_deck = not (self.out / DECK).exists() and not self.overwrite
+        if self.new_deck:
+            self._write_deck(start)
+
+    def _take_back(self) -> None:
+        """Remove the first word of a start that was refused."""
+        if self.starts:
+            self.starts.take_back()
+            if self.new_deck:
+                self.written.remove(DECK)
+            self.written.forget()
+
+    def _write_deck(self, start: Start) -> None:
+        """Write the deck as it is run; one that a person wrote stays if it says the same, else it steps aside."""
+        path, text = self.out / DECK, self.deck_text.encode()
+        before = None
+        with suppress(FileNotFoundError):
+            before = path.read_bytes()
+        if before == text:
+            self.written.note_deck(text)
+            return
+        if before is not None and not self.written.wrote_deck(before):
+            if self._says_the_same(path):
+                return
+            aside = free_name(path)
+            os.rename(path, aside)
+            start.notes.append(f"{DECK} was not as this program had written it: it is now {aside.name}")
+        self.written.note_deck(text)
+        with replacing(path) as temporary:
+            temporary.write_bytes(text)
+
+    def _look_for_a_stop(self) -> None:
+        """End a start that was asked to stop before its load program began. Collective.
+
+        Raises
+        ------
+        Stopped
+            On all ranks.
+        """
+        if sum_integers(self.comm, np.array([self.ways.requests.stop_in_set_up()]))[0]:
+            raise Stopped("asked to stop before the first step: nothing was done", kept=True)
 
     def _go(self, start: Start) -> int:
         scene, comm = self.scene, self.comm
@@ -299,6 +391,7 @@ class _Run:
             if missing := on_root(comm, lambda: not_compiled(features)):
                 self.reporter.line(f"compiling {missing} kernels, once on this machine (up to 30 s)")
             warm_up(comm, features)
+        self._look_for_a_stop()
         before = resident()
         with _phase(self.seconds, "setup"), large_arrays_apart():
             discretization, need = prepare(scene, comm)
@@ -306,7 +399,9 @@ class _Run:
                 start.notes += compare(start, identity(scene, discretization), self.ways.force)
             if start.finished and not start.changed:
                 self.reporter.line(f"pdfem: {self.out} is finished already; --set a longer program to go on.")
+                self._take_back()
                 return EXIT_FINISHED
+            self._look_for_a_stop()
             model = build_model(scene, discretization, comm, fit_folders(self.out))
             case = make_load_case(scene, discretization, model)
             state = new_state(model)
@@ -314,6 +409,7 @@ class _Run:
             forces = Forces(model, state.bounds, evaluations=start.header.get("evaluations", 0))
             failure = make_failure(scene, discretization, model)
             counts = _counts(discretization, model)
+        self._look_for_a_stop()
         on_root(comm, lambda: self._open_folder(start))
         tell = self.reporter.line
         for text in describe_loose(case.parts, case.loose):
@@ -322,8 +418,6 @@ class _Run:
             tell(_describe_taken(case.taken * discretization.units.force, scene.units.force))
         self.parts = {"count": case.parts.count, "not_held": len(case.loose)}
         keeper = Keeper(scene, discretization, forces, failure, self.out, self._flush, tell, start, self.started)
-        if start.path:
-            keeper.restarts.append(self._restart(start, state))
         pauses = Pauses(comm, self.ways.requests, keeper, scene.checkpoint, self.ways.end)
         with _phase(self.seconds, "setup"), large_arrays_apart(APART_BESIDE_BONDS):
             solve = make_solver(scene, discretization, forces, case, tell, pauses)
@@ -347,6 +441,7 @@ class _Run:
                 tell(f"warning: the fitted body is unstable: some motion lowers its energy. Use {remedy}.")
         for note in start.notes:
             tell(f"note: {note}")
+        first = place_of(state)
         if start.path:
             pauses.resumed(state)
             tell(f"going on from {start.path.name}: step {state.step}, iteration {state.iteration}")
@@ -370,6 +465,8 @@ class _Run:
 
         if not start.path:
             state.began = perf_counter()
+        self.ways.requests.setting_up = False
+        start_up = perf_counter() - self.started
         solve_start, output = perf_counter(), 0.0
         try:
             program = () if over else follow_load_program(scene, solve, failure, state, case, watch)
@@ -397,6 +494,9 @@ class _Run:
             keeper.save_good()
         except Stopped as stop:
             code, reason = (EXIT_STOPPED, str(stop)) if stop.kept else (EXIT_NOT_WRITTEN, f"{stop}, and not kept")
+        did_nothing = code == EXIT_STOPPED and place_of(state) == first
+        if did_nothing and self.starts:
+            reason += _describe_nothing(start_up, self.starts.idle, self.ways.requests.stop)
         self.seconds["solve"] = perf_counter() - solve_start - output
         self.seconds["output"] = output
         phases = {name: round(value, 6) for name, value in forces.seconds.items()}
@@ -415,11 +515,12 @@ class _Run:
         self.seconds["total"] = perf_counter() - self.started
         summary = None
         if comm.rank == 0:
+            self.starts.end(self.seconds["total"], code, did_nothing, start.notes)
             summary = self._summary(
                 code, reason, counts, model, evaluations, phases, memory, loads, discretization, by_material, state,
                 keeper, fields_sha256(fields) if fields else digest,
             )
-        on_root(comm, lambda: write_summary(self.out / "summary.json", summary))
+        on_root(comm, lambda: write_summary(self.written.new(SUMMARY), summary))
         if comm.rank == 0:
             self.reporter.table(scene.title or self.out.name, _end_table(summary, scene))
             self.reporter.table("memory: what was allocated, and what was left out", table_of(summary))
@@ -427,31 +528,19 @@ class _Run:
         return code
 
     def _open_folder(self, start: Start) -> None:
-        (self.out / "summary.json").unlink(missing_ok=True)
+        self.written.remove(SUMMARY)
         if start.path:
             take_over(start, self.out / CHECKPOINTS)
         else:
-            for name in ("history.csv", "points.vtkhdf", "elements.vtkhdf", "run.log"):
-                (self.out / name).unlink(missing_ok=True)
-            shutil.rmtree(self.out / CHECKPOINTS, ignore_errors=True)
-        for name in ("figures", "lines"):
-            shutil.rmtree(self.out / name, ignore_errors=True)
-        with replacing(self.out / "deck.toml") as temporary:
-            temporary.write_text(self.deck_text, encoding="utf-8")
-        self.reporter = _Logged(self.reporter, RunLog(self.out / "run.log"))
-
-    def _restart(self, start: Start, state: State) -> dict[str, Any]:
-        """What summary.json and later checkpoints say of this start."""
-        return {
-            "checkpoint": start.path.name,
-            "step": state.step,
-            "iteration": state.iteration,
-            "ranks": self.comm.size,
-            "seconds_before": start.header["seconds"],
-            "notes": start.notes,
-        }
+            self.written.remove(*RESULTS)
+            self.written.remove_checkpoints(self.out / CHECKPOINTS)
+        self.written.remove("figures/", "lines/")
+        self.starts.settle()
+        self._write_deck(start)
+        self.reporter = _Logged(self.reporter, RunLog(self.written.new("run.log")))
 
     def _flush(self) -> dict[str, dict[str, int]]:
+        self.starts.note(perf_counter() - self.started)
         return flushed(self.out, self.history, self.frame_files)
 
     def _open_results(self, discretization: Discretization, failure: Failure | None, start: Start):
@@ -463,7 +552,7 @@ class _Run:
             self.reporter.line(f"warning: {text}")
 
         columns = HISTORY + FAILURE_HISTORY if failure else HISTORY
-        history = continue_history(out / "history.csv", columns, start.results.get("history.csv"), note)
+        history = continue_history(self.written.new("history.csv"), columns, start.results.get("history.csv"), note)
         self.history = history
         mesh = discretization.mesh
         frames = []
@@ -472,6 +561,7 @@ class _Run:
 
             def is_new(name):
                 self.frame_files.append(name)
+                self.written.new(name)
                 if start.other_fields:
                     set_aside(out / name, "output was changed", note, "before")
                 cursor = None if start.other_fields else start.results.get(name)
@@ -541,7 +631,8 @@ class _Run:
         for name, line in self.lines.items():
             inside = line.kind != ""
             u = [values if known else None for values, known in zip(line.displacement, inside, strict=True)]
-            write_line(self.out / "lines" / f"{name}.csv", zip(line.distance, line.position, u, line.kind, strict=True))
+            rows = zip(line.distance, line.position, u, line.kind, strict=True)
+            write_line(self.written.new(f"lines/{name}.csv"), rows)
 
     def _draw(self) -> None:
         if not self.scene.output.figures:
@@ -566,7 +657,7 @@ class _Run:
                 "xyz"[moving[0]] if on_axis else "distance from its start",
                 f"line {name}" + (f": {', '.join(fixed)}" if on_axis else ""),
             )
-            path = self.out / "figures" / f"line_{name}.png"
+            path = self.written.new(f"figures/line_{name}.png")
             plots.displacement_along_line(path, samples, self.scene.title, self.scene.units.length)
 
     def _draw_bar(self, plots) -> None:
@@ -577,7 +668,7 @@ class _Run:
             bar.coordinate, bar.displacement, bar.exact, kind, bar.interface, bar.overlap, axis
         )
         plots.axial_displacement(
-            self.out / "figures" / "axial_displacement.png",
+            self.written.new("figures/axial_displacement.png"),
             stations,
             self.scene.title,
             self.scene.units.length,
@@ -625,7 +716,7 @@ class _Run:
                 "bytes_of_last": keeper.size or None,
             },
             "restarts": keeper.restarts,
-            "seconds_of_all_starts": keeper.elapsed,
+            "seconds_of_all_starts": self.starts.seconds_before + self.seconds["total"],
             "surface_correction": {
                 "kind": self.scene.peridynamics.surface_correction if discretization.cutoff else None,
                 "remaining": model.correction_remaining if discretization.cutoff else None,
@@ -740,6 +831,13 @@ def _fit_report(outcome: BodyFit | None, smallest: float | None, stable: bool | 
     return report | (asdict(outcome.fit) | found if outcome.fit else {})
 
 
+def _describe_nothing(start_up: float, idle: int, asked: bool) -> str:
+    """What to say of a start that ended where it began, after others that did."""
+    again = f" It is start {idle + 1} in a row that did nothing." if idle else ""
+    remedy = "" if asked else f" Start-up alone took {start_up:.1f} s: allow more."
+    return f". Nothing was done.{remedy}{again}"
+
+
 def _describe_taken(force: np.ndarray, unit: str) -> str:
     """A sentence about loads on held places; force (3,), NaN along axes where there are none."""
     parts = [f"{value:.6g}{' ' + unit if unit else ''} along {axis}" for value, axis in zip(force, "xyz", strict=True)
@@ -758,7 +856,7 @@ def _ending(code: int, reason: str | None, out: Path) -> str:
     if code == EXIT_FINISHED:
         return f"finished; results in {out}"
     remedy = f". Go on with: pdfem resume {out}" if code == EXIT_STOPPED else ""
-    return f"{STATUS[code]}: {reason}{remedy}"
+    return f"{STATUS[code]}: {(reason or '').rstrip('.')}{remedy}"
 
 
 def _end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:

@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from pdfem_mpi.results import vtkhdf
 from pdfem_mpi.results.files import replacing
+from pdfem_mpi.results.ownership import Written
 from pdfem_mpi.results.plots import DPI, LEGEND, SIZE_INCHES, STYLE
 
 COLORS = {"stable": "#0072B2", "avalanche": "#D55E00", "work": "#000000"}
@@ -65,16 +66,17 @@ def draw_failure(folder: str | Path, title: str, length: str, force: str, film: 
     drawn: list[Path] = []
     if not history.get("broken_bonds"):
         return drawn
-    figures = folder / "figures"
-    figures.mkdir(exist_ok=True)
-    drawn.append(_draw_reaction(figures / "reaction.png", history, title, length, force))
-    drawn.append(_draw_energies(figures / "energies.png", history, title, length, force))
+    (folder / "figures").mkdir(exist_ok=True)
+    written = Written(folder)
+    written.begin()
+    drawn.append(_draw_reaction(written.new("figures/reaction.png"), history, title, length, force))
+    drawn.append(_draw_energies(written.new("figures/energies.png"), history, title, length, force))
     points = folder / "points.vtkhdf"
     if points.exists() and vtkhdf.frames(points) and "damage" in vtkhdf.frame_fields(points):
         layer = _Layer(points)
-        drawn.append(_draw_stages(figures / "damage.png", layer, history, title, length))
+        drawn.append(_draw_stages(written.new("figures/damage.png"), layer, history, title, length))
         if film:
-            drawn.append(_draw_film(figures / "damage.gif", layer, history, title, length))
+            drawn.append(_draw_film(written.new("figures/damage.gif"), layer, history, title, length))
     return drawn
 
 

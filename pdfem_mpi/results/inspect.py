@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from pdfem_mpi.plain_files import read_plain
 from pdfem_mpi.results.checkpoint import Invalid, check, list_checkpoints
 from pdfem_mpi.results.lock import owner_of
 
+MOST_BYTES = 1 << 24
 Rows = list[tuple[str, str]]
 
 
@@ -43,7 +45,7 @@ def _describe_file(path: Path) -> tuple[str, Rows, str | None]:
 def _describe_folder(folder: Path) -> tuple[str, Rows, str | None]:
     rows: Rows = []
     try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        summary = json.loads(read_plain(folder / "summary.json", MOST_BYTES))
         rows.append(("status", f"{summary['status']}, exit code {summary['exit_code']}"))
     except FileNotFoundError:
         summary = {}

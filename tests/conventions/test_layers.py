@@ -12,8 +12,8 @@ PACKAGE = Path(__file__).resolve().parents[2] / "pdfem_mpi"
 # each other, everything else imports from lower rows only.
 LEVELS = (
     ("private_folders", "plain_files"),
-    ("hex8", "launch", "signals", "faults", "background_grid", "factor_cache", "heap", "held"),
-    ("kernels", "scene", "parallel.comm", "parallel.bisection"),
+    ("hex8", "launch", "faults", "background_grid", "factor_cache", "heap", "held"),
+    ("signals", "kernels", "scene", "parallel.comm", "parallel.bisection"),
     ("deck", "materials", "mesh", "mirrors", "parallel.halo", "pausing", "watchdog", "dissection", "killing"),
     ("boundary_areas",),
     ("fitted_bodies",),

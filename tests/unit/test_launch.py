@@ -89,7 +89,7 @@ def test_compile_cache_that_cannot_be_made_has_a_substitute(tmp_path, monkeypatc
     monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path / "tmp"))
     folder, reason = launch.compile_cache()
     assert folder.is_dir() and folder.parent == tmp_path / "tmp"
-    assert "cannot be used: Not a directory" in reason and "NUMBA_CACHE_DIR" in reason
+    assert "is not a folder" in reason and "NUMBA_CACHE_DIR" in reason
 
 
 def test_no_safe_place_for_the_compile_cache_is_a_sentence(monkeypatch):

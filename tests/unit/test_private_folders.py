@@ -75,9 +75,7 @@ def test_the_group_that_only_this_user_is_in_may_write(monkeypatch):
     user = SimpleNamespace(pw_name="ada", pw_gid=7)
     monkeypatch.setattr(private_folders.pwd, "getpwuid", lambda number: user)
     members = []
-    monkeypatch.setattr(
-        private_folders.grp, "getgrgid", lambda number: SimpleNamespace(gr_name="ada", gr_mem=members)
-    )
+    monkeypatch.setattr(private_folders.grp, "getgrgid", lambda number: SimpleNamespace(gr_name="ada", gr_mem=members))
     assert why_others_decide(Path("/home/ada")) is None
     members.append("eve")
     assert "can be written by others" in why_others_decide(Path("/home/ada"))
