@@ -351,7 +351,7 @@ class _Run:
         if self.starts:
             self.starts.take_back()
             if self.new_deck:
-                self.written.remove(DECK)
+                (self.out / DECK).unlink(missing_ok=True)
             self.written.forget()
 
     def _write_deck(self, start: Start) -> None:
