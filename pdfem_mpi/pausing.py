@@ -32,10 +32,12 @@ class Stopped(Exception):
     ----------
     kept : bool
         A checkpoint of this very state was written.
+    asked : bool
+        By a signal, not by the clock.
     """
 
-    def __init__(self, reason: str, kept: bool):
-        self.kept = kept
+    def __init__(self, reason: str, kept: bool, asked: bool = True):
+        self.kept, self.asked = kept, asked
         super().__init__(reason)
 
 
@@ -141,7 +143,8 @@ class Pauses:
 
     def _stop(self, state: Any) -> None:
         asked = broadcast(self.comm, self.end is None or monotonic() <= self.end - 2.0 * self.cost)
-        raise Stopped("asked to stop" if asked else "the time allowed by --max-hours is used up", self.save(state))
+        reason = "asked to stop" if asked else "the time allowed by --max-hours is used up"
+        raise Stopped(reason, self.save(state), asked)
 
 
 def _due(count: int, every: int | None) -> bool:

@@ -283,7 +283,7 @@ class _Run:
         except Stopped as stop:
             self.reporter.line(f"pdfem: stopped: {stop}. The same command starts again.")
             if self.starts:
-                self.starts.end(perf_counter() - self.started, EXIT_STOPPED, True, [])
+                self.starts.end(perf_counter() - self.started, EXIT_STOPPED, False, start.notes)
             code = EXIT_STOPPED
         finally:
             if self.lock:
@@ -311,6 +311,8 @@ class _Run:
             start.notes.insert(0, self.lock.note)
         self.written = written
         self._begin(start)
+        starts, began = self.starts, self.started
+        self.ways.requests.clean_up.append(lambda: starts.end(perf_counter() - began, None, False, []))
         return start, None
 
     def _refuse_deck(self) -> str | None:
@@ -467,7 +469,7 @@ class _Run:
             state.began = perf_counter()
         self.ways.requests.setting_up = False
         start_up = perf_counter() - self.started
-        solve_start, output = perf_counter(), 0.0
+        solve_start, output, timed = perf_counter(), 0.0, False
         try:
             program = () if over else follow_load_program(scene, solve, failure, state, case, watch)
             for rows, row in enumerate(program, start=1):  # noqa: B007 - asked for after the loop
@@ -494,9 +496,10 @@ class _Run:
             keeper.save_good()
         except Stopped as stop:
             code, reason = (EXIT_STOPPED, str(stop)) if stop.kept else (EXIT_NOT_WRITTEN, f"{stop}, and not kept")
-        did_nothing = code == EXIT_STOPPED and place_of(state) == first
+            timed = not stop.asked
+        did_nothing = code == EXIT_STOPPED and timed and place_of(state) == first
         if did_nothing and self.starts:
-            reason += _describe_nothing(start_up, self.starts.idle, self.ways.requests.stop)
+            reason += _describe_nothing(start_up, self.starts.idle)
         self.seconds["solve"] = perf_counter() - solve_start - output
         self.seconds["output"] = output
         phases = {name: round(value, 6) for name, value in forces.seconds.items()}
@@ -831,11 +834,10 @@ def _fit_report(outcome: BodyFit | None, smallest: float | None, stable: bool | 
     return report | (asdict(outcome.fit) | found if outcome.fit else {})
 
 
-def _describe_nothing(start_up: float, idle: int, asked: bool) -> str:
+def _describe_nothing(start_up: float, idle: int) -> str:
     """What to say of a start that ended where it began, after others that did."""
     again = f" It is start {idle + 1} in a row that did nothing." if idle else ""
-    remedy = "" if asked else f" Start-up alone took {start_up:.1f} s: allow more."
-    return f". Nothing was done.{remedy}{again}"
+    return f". Nothing was done. Start-up alone took {start_up:.1f} s: allow more.{again}"
 
 
 def _describe_taken(force: np.ndarray, unit: str) -> str:

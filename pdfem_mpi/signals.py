@@ -108,9 +108,10 @@ class Requests:
         for action in self.clean_up:
             with contextlib.suppress(Exception):
                 action()
-        if self.comm is not None:
+        if self.comm is not None and (self._launched or self.comm.size > 1):
             self.comm.Abort(code)
-        if self._launched:
+        elif self._launched:
             # a launcher lets the other ranks wait for ever in the start of MPI when one has left with a code
             os.kill(os.getpid(), signal.SIGKILL)
-        os._exit(code)
+        else:  # without clean-up: a compiler that runs in another thread would stumble over it
+            os._exit(code)

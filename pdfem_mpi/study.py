@@ -325,6 +325,7 @@ def starter(deck: Path, overrides: Sequence[str], ranks: int | None, interruptio
         command += ["--overwrite"] if overwrite else []
         log = folder.parent.parent / "logs" / f"{folder.name}.log"
         log.parent.mkdir(parents=True, exist_ok=True)
+        log.unlink(missing_ok=True)  # a link or a pipe of that name must not be written through
         with log.open("wb") as output:
             # of its own session: a terminal's Ctrl-C reaches it through the study, once
             process = subprocess.Popen(

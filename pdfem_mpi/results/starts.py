@@ -95,8 +95,8 @@ class Starts:
         """This start has taken so many seconds, and a checkpoint is about to be written."""
         self._write({"seconds": seconds})
 
-    def end(self, seconds: float, code: int, did_nothing: bool, notes: list[str]) -> None:
-        """This start has ended."""
+    def end(self, seconds: float, code: int | None, did_nothing: bool, notes: list[str]) -> None:
+        """This start has ended; without a code, in the middle."""
         self._write({"seconds": seconds, "ended": code, "did_nothing": did_nothing, "notes": notes})
 
     def take_back(self) -> None:
