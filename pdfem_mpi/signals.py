@@ -109,6 +109,7 @@ class Requests:
             with contextlib.suppress(Exception):
                 action()
         if self.comm is not None and (self._launched or self.comm.size > 1):
+            time.sleep(0.1)  # a launcher that ends may drop the words that it has not passed on
             self.comm.Abort(code)
         elif self._launched:
             # a launcher lets the other ranks wait for ever in the start of MPI when one has left with a code
