@@ -8,7 +8,6 @@ import os
 import platform
 import sys
 from collections.abc import Collection
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
@@ -21,9 +20,9 @@ from pdfem_mpi.body_fit import EXPECTED_SWEEPS, SWEEP_RATE, BodyFit
 from pdfem_mpi.bonds import count_by_material, total_bonds
 from pdfem_mpi.components import describe_loose
 from pdfem_mpi.damage import Remaining
-from pdfem_mpi.deck import read_deck, write_deck
 from pdfem_mpi.discretization import Discretization, ModelUnits, discretize, make_mesh
 from pdfem_mpi.element_rotations import TOLD, describe_rotation, largest_rotation
+from pdfem_mpi.entering import Entry
 from pdfem_mpi.failure import Failure, describe_criterion, make_failure
 from pdfem_mpi.fields import Fields, digest_fields, fields_sha256, gather_damage, gather_fields, point_positions
 from pdfem_mpi.fingerprint import identity
@@ -39,12 +38,10 @@ from pdfem_mpi.pausing import Pauses, Stopped, place_of
 from pdfem_mpi.probes import Bar, Line, bar_results, displacement_at, measure_bar, measure_line
 from pdfem_mpi.restart import (
     EXIT_NOT_WRITTEN,
-    EXIT_USAGE,
     Keeper,
     Refused,
     Start,
     Ways,
-    choose_start,
     compare,
     restore,
     restore_late,
@@ -52,12 +49,9 @@ from pdfem_mpi.restart import (
 )
 from pdfem_mpi.restart import FOLDER as CHECKPOINTS
 from pdfem_mpi.results.cursor import continue_frames, continue_history, flushed, set_aside
-from pdfem_mpi.results.files import replacing
 from pdfem_mpi.results.lines import write_line
-from pdfem_mpi.results.lock import Lock, Locked
 from pdfem_mpi.results.log import RunLog
-from pdfem_mpi.results.ownership import DECK, RESULTS, SUMMARY, Written, free_name, refuse_deck, refuse_folder
-from pdfem_mpi.results.starts import Starts
+from pdfem_mpi.results.ownership import RESULTS, SUMMARY
 from pdfem_mpi.results.summary import write_summary
 from pdfem_mpi.scene import BarProbe, DisplacementProbe, FileMesh, LineProbe, Scene, SceneError, Steps
 from pdfem_mpi.solvers.convergence import NotConverged, Progress
@@ -254,10 +248,7 @@ class _Run:
         self.scene, self.comm, self.out, self.deck_text = scene, comm, out, deck_text
         self.overwrite, self.reporter, self.ways = overwrite, reporter, ways
         self.seconds: dict[str, float] = {}
-        self.lock: Lock | None = None
-        self.written: Written | None = None  # these two on rank 0 alone
-        self.starts: Starts | None = None
-        self.new_deck = False
+        self.entry: Entry | None = None  # on rank 0 alone
         self.frame_files: list[str] = []
         self.energy_error: float | None = None
         self.smallest_eigenvalue: float | None = None
@@ -269,111 +260,33 @@ class _Run:
         self.started = perf_counter()
 
     def go(self) -> int:
-        new = [path for path in (self.out, *self.out.parents) if not path.exists()] if self.comm.rank == 0 else []
         try:
             start, refusal = broadcast(self.comm, on_root(self.comm, self._enter))
             if refusal:
                 raise Refused(*refusal)
             hang = self.out / f"run.r{self.comm.rank}.hang"
             with Watchdog(self.comm, hang, patience()) if self.ways.watched else Asleep():
-                code = self._go(start)
+                return self._go(start)
         except (SceneError, Refused):
-            self._take_back()
+            if self.entry:
+                self.entry.take_back()
             raise
         except Stopped as stop:
+            if self.entry:
+                self.entry.end(EXIT_STOPPED)
             self.reporter.line(f"pdfem: stopped: {stop}. The same command starts again.")
-            if self.starts:
-                self.starts.end(perf_counter() - self.started, EXIT_STOPPED, False, start.notes)
-            code = EXIT_STOPPED
+            return EXIT_STOPPED
         finally:
-            if self.lock:
-                self.lock.release()
-            for path in new:  # a run that was refused leaves no empty folder
-                with suppress(OSError):
-                    path.rmdir()
-        return code
+            if self.entry:
+                self.entry.leave()
 
     def _enter(self) -> tuple[Start | None, tuple[int, str] | None]:
         """Take the folder, and decide where to start."""
-        if refusal := refuse_folder(self.out) or self._refuse_deck():
-            return None, (EXIT_USAGE, refusal)
-        self.out.mkdir(parents=True, exist_ok=True)
-        written = Written(self.out)
         try:
-            self.lock = Lock(self.out, os.environ.get("SLURM_JOB_ID", ""), self.ways.steal_lock)
-            start = choose_start(self.out, self.ways.resume, self.overwrite)
-        except Locked as error:
-            return None, (EXIT_NOT_WRITTEN, str(error))
+            self.entry = Entry(self.out, self.deck_text, self.overwrite, self.ways, self.comm.size, self.started)
         except Refused as error:
             return None, (error.code, str(error))
-        self.ways.requests.clean_up.append(self.lock.release)
-        if self.lock.note:
-            start.notes.insert(0, self.lock.note)
-        self.written = written
-        self._begin(start)
-        starts, began = self.starts, self.started
-        self.ways.requests.clean_up.append(lambda: starts.end(perf_counter() - began, None, False, []))
-        return start, None
-
-    def _refuse_deck(self) -> str | None:
-        """Why this deck must not be run in this folder."""
-        if self.ways.deck is None:
-            return None
-        return refuse_deck(self.out, self.ways.deck, self._says_the_same(self.out / DECK))
-
-    def _says_the_same(self, path: Path) -> bool:
-        """Whether a deck is that of this run, however it is written."""
-        with suppress(SceneError):
-            return write_deck(read_deck(path)) == self.deck_text
-        return False
-
-    def _begin(self, start: Start) -> None:
-        """Leave a first word of this start in the folder: one that is stopped or killed from now on is known."""
-        header = start.header
-        self.starts = Starts(self.out, self.overwrite, (header.get("seconds", 0.0), header.get("restarts", [])))
-        restart = None
-        if start.path or not self.starts.is_first:
-            restart = {
-                "checkpoint": start.path.name if start.path else None,
-                "step": header["state"]["step"] if start.path else 0,
-                "iteration": header["state"]["iteration"] if start.path else 0,
-                "ranks": self.comm.size,
-                "seconds_before": self.starts.seconds_before,
-                "notes": start.notes,
-            }
-        self.written.begin()
-        self.starts.begin(restart)
-        start.seconds_before, start.restarts = self.starts.seconds_before, self.starts.restarts
-        self.new_deck = not (self.out / DECK).exists() and not self.overwrite
-        if self.new_deck:
-            self._write_deck(start)
-
-    def _take_back(self) -> None:
-        """Remove the first word of a start that was refused."""
-        if self.starts:
-            self.starts.take_back()
-            if self.new_deck:
-                (self.out / DECK).unlink(missing_ok=True)
-            self.written.forget()
-
-    def _write_deck(self, start: Start) -> None:
-        """Write the deck as it is run; one that a person wrote stays if it says the same, else it steps aside."""
-        path, text = self.out / DECK, self.deck_text.encode()
-        before = None
-        with suppress(FileNotFoundError):
-            before = path.read_bytes()
-        if before == text:
-            self.written.note_deck(text)
-            return
-        if before is not None and not self.written.wrote_deck(before):
-            if self._says_the_same(path):
-                return
-            aside = free_name(path)
-            os.rename(path, aside)
-            start.notes.append(f"{DECK} was not as this program had written it: it is now {aside.name}")
-        self.written.note_deck(text)
-        with replacing(path) as temporary:
-            temporary.write_bytes(text)
+        return self.entry.start, None
 
     def _look_for_a_stop(self) -> None:
         """End a start that was asked to stop before its load program began. Collective.
@@ -401,7 +314,8 @@ class _Run:
                 start.notes += compare(start, identity(scene, discretization), self.ways.force)
             if start.finished and not start.changed:
                 self.reporter.line(f"pdfem: {self.out} is finished already; --set a longer program to go on.")
-                self._take_back()
+                if self.entry:
+                    self.entry.take_back()
                 return EXIT_FINISHED
             self._look_for_a_stop()
             model = build_model(scene, discretization, comm, fit_folders(self.out))
@@ -498,8 +412,8 @@ class _Run:
             code, reason = (EXIT_STOPPED, str(stop)) if stop.kept else (EXIT_NOT_WRITTEN, f"{stop}, and not kept")
             timed = not stop.asked
         did_nothing = code == EXIT_STOPPED and timed and place_of(state) == first
-        if did_nothing and self.starts:
-            reason += _describe_nothing(start_up, self.starts.idle)
+        if did_nothing and self.entry:
+            reason += _describe_nothing(start_up, self.entry.starts.idle)
         self.seconds["solve"] = perf_counter() - solve_start - output
         self.seconds["output"] = output
         phases = {name: round(value, 6) for name, value in forces.seconds.items()}
@@ -518,12 +432,12 @@ class _Run:
         self.seconds["total"] = perf_counter() - self.started
         summary = None
         if comm.rank == 0:
-            self.starts.end(self.seconds["total"], code, did_nothing, start.notes)
+            self.entry.starts.end(self.seconds["total"], code, did_nothing, start.notes)
             summary = self._summary(
                 code, reason, counts, model, evaluations, phases, memory, loads, discretization, by_material, state,
                 keeper, fields_sha256(fields) if fields else digest,
             )
-        on_root(comm, lambda: write_summary(self.written.new(SUMMARY), summary))
+        on_root(comm, lambda: write_summary(self.entry.written.new(SUMMARY), summary))
         if comm.rank == 0:
             self.reporter.table(scene.title or self.out.name, _end_table(summary, scene))
             self.reporter.table("memory: what was allocated, and what was left out", table_of(summary))
@@ -531,19 +445,18 @@ class _Run:
         return code
 
     def _open_folder(self, start: Start) -> None:
-        self.written.remove(SUMMARY)
+        self.entry.written.remove(SUMMARY)
         if start.path:
             take_over(start, self.out / CHECKPOINTS)
         else:
-            self.written.remove(*RESULTS)
-            self.written.remove_checkpoints(self.out / CHECKPOINTS)
-        self.written.remove("figures/", "lines/")
-        self.starts.settle()
-        self._write_deck(start)
-        self.reporter = _Logged(self.reporter, RunLog(self.written.new("run.log")))
+            self.entry.written.remove(*RESULTS)
+            self.entry.written.remove_checkpoints(self.out / CHECKPOINTS)
+        self.entry.written.remove("figures/", "lines/")
+        self.entry.settle()
+        self.reporter = _Logged(self.reporter, RunLog(self.entry.written.new("run.log")))
 
     def _flush(self) -> dict[str, dict[str, int]]:
-        self.starts.note(perf_counter() - self.started)
+        self.entry.starts.note(perf_counter() - self.started)
         return flushed(self.out, self.history, self.frame_files)
 
     def _open_results(self, discretization: Discretization, failure: Failure | None, start: Start):
@@ -555,7 +468,8 @@ class _Run:
             self.reporter.line(f"warning: {text}")
 
         columns = HISTORY + FAILURE_HISTORY if failure else HISTORY
-        history = continue_history(self.written.new("history.csv"), columns, start.results.get("history.csv"), note)
+        path = self.entry.written.new("history.csv")
+        history = continue_history(path, columns, start.results.get("history.csv"), note)
         self.history = history
         mesh = discretization.mesh
         frames = []
@@ -564,7 +478,7 @@ class _Run:
 
             def is_new(name):
                 self.frame_files.append(name)
-                self.written.new(name)
+                self.entry.written.new(name)
                 if start.other_fields:
                     set_aside(out / name, "output was changed", note, "before")
                 cursor = None if start.other_fields else start.results.get(name)
@@ -635,7 +549,7 @@ class _Run:
             inside = line.kind != ""
             u = [values if known else None for values, known in zip(line.displacement, inside, strict=True)]
             rows = zip(line.distance, line.position, u, line.kind, strict=True)
-            write_line(self.written.new(f"lines/{name}.csv"), rows)
+            write_line(self.entry.written.new(f"lines/{name}.csv"), rows)
 
     def _draw(self) -> None:
         if not self.scene.output.figures:
@@ -660,7 +574,7 @@ class _Run:
                 "xyz"[moving[0]] if on_axis else "distance from its start",
                 f"line {name}" + (f": {', '.join(fixed)}" if on_axis else ""),
             )
-            path = self.written.new(f"figures/line_{name}.png")
+            path = self.entry.written.new(f"figures/line_{name}.png")
             plots.displacement_along_line(path, samples, self.scene.title, self.scene.units.length)
 
     def _draw_bar(self, plots) -> None:
@@ -671,7 +585,7 @@ class _Run:
             bar.coordinate, bar.displacement, bar.exact, kind, bar.interface, bar.overlap, axis
         )
         plots.axial_displacement(
-            self.written.new("figures/axial_displacement.png"),
+            self.entry.written.new("figures/axial_displacement.png"),
             stations,
             self.scene.title,
             self.scene.units.length,
@@ -719,7 +633,7 @@ class _Run:
                 "bytes_of_last": keeper.size or None,
             },
             "restarts": keeper.restarts,
-            "seconds_of_all_starts": self.starts.seconds_before + self.seconds["total"],
+            "seconds_of_all_starts": self.entry.starts.seconds_before + self.seconds["total"],
             "surface_correction": {
                 "kind": self.scene.peridynamics.surface_correction if discretization.cutoff else None,
                 "remaining": model.correction_remaining if discretization.cutoff else None,

@@ -31,6 +31,7 @@ LEVELS = (
     ("solvers",),
     ("stepping",),
     ("restart",),
+    ("entering",),
     ("needs",),
     ("run",),
     ("bench", "peers", "study"),

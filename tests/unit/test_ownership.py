@@ -303,3 +303,17 @@ cli.main()
     process.send_signal(signal.SIGTERM)
     _, errors = process.communicate(timeout=20)
     assert process.returncode == 75 and "SIGTERM before the first step" in errors
+
+
+def test_a_run_that_is_refused_late_keeps_what_says_that_it_is_one(tmp_path, monkeypatch):
+    """The folder has been written into then: the same command may start there again."""
+
+    def refuse(*arguments):
+        raise SceneError(["the loads are not balanced."])
+
+    monkeypatch.setattr("pdfem_mpi.run.make_solver", refuse)
+    with pytest.raises(SceneError):
+        alone(scene(), tmp_path / "run")
+    monkeypatch.undo()
+    assert is_run(tmp_path / "run") and (tmp_path / "run" / "deck.toml").exists()
+    assert alone(scene(), tmp_path / "run") == FINISHED
