@@ -1,4 +1,4 @@
-"""A start takes its run folder: whether it may work there, where it begins, and a first word of it for those after it."""
+"""A start takes its run folder: whether it may work there, where it begins, and a first word of it for later ones."""
 
 from __future__ import annotations
 
