@@ -9,6 +9,7 @@ before the environment is prepared, nor in the process that only becomes ``mpiru
 
 from __future__ import annotations
 
+import faulthandler
 import importlib.metadata
 import math
 import os
@@ -216,9 +217,14 @@ def _start_world(ranks: int | None) -> Any:
     """Initialise MPI, guard against a launcher of another library, and return the communicator."""
     note = launch.prepare_environment()
     from pdfem_mpi.parallel import comm as parallel
+    from pdfem_mpi.watchdog import patience
 
     try:
+        if launch.launcher_variable() is not None:
+            # a rank that left before MPI has started is missed by nobody but the others, which would wait for ever
+            faulthandler.dump_traceback_later(patience(), exit=True)
         comm = parallel.world()
+        faulthandler.cancel_dump_traceback_later()
     except (ImportError, RuntimeError) as error:
         reason = str(error).strip().splitlines() or ["no reason given"]
         raise _fail(
