@@ -80,6 +80,11 @@ class StopAt:
 
     def __init__(self, n, here=True):
         self.n, self.here, self.asked = n, here, 0
+        self.setting_up, self.clean_up = True, []
+
+    def stop_in_set_up(self):
+        """Safe points are counted from the first step."""
+        return 0
 
     @property
     def stop(self):

@@ -9,11 +9,13 @@ before the environment is prepared, nor in the process that only becomes ``mpiru
 
 from __future__ import annotations
 
+import faulthandler
 import importlib.metadata
 import math
 import os
 import platform
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -200,7 +202,14 @@ def main() -> None:
         if message:  # empty after the help that a bare `pdfem` prints
             _print_problems([f"pdfem: {message}.{hint}"], launch.rank_by_launcher())
         code = EXIT_USAGE
+    except launch.LaunchError as error:
+        _print_problems([f"pdfem: {error}"], launch.rank_by_launcher())
+        code = EXIT_USAGE
     except typer.Abort:
+        if launch.launcher_variable() is not None:
+            # a launcher lets the other ranks wait for ever in the start of MPI when one has left with a code
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            os.kill(os.getpid(), signal.SIGINT)
         code = 130
     except Exception:
         # typer has replaced the hook at the call; ours, if a command has set it, ends all ranks here
@@ -226,13 +235,18 @@ def _fail(messages: Iterable[str], rank: int) -> typer.Exit:
 
 def _start_world(ranks: int | None) -> Any:
     """Initialise MPI, guard against a launcher of another library, and return the communicator."""
-    launch.prepare_environment()
+    note = launch.prepare_environment()
     if problem := _shared_memory_problem():
         raise _fail([f"pdfem: {problem}"], launch.rank_by_launcher())
     from pdfem_mpi.parallel import comm as parallel
+    from pdfem_mpi.parallel.watchdog import patience
 
     try:
+        if launch.launcher_variable() is not None:
+            # a rank that left before MPI has started is missed by nobody but the others, which would wait for ever
+            faulthandler.dump_traceback_later(patience(), exit=True)
         comm = parallel.world()
+        faulthandler.cancel_dump_traceback_later()
     except (ImportError, RuntimeError) as error:
         reason = str(error).strip().splitlines() or ["no reason given"]
         raise _fail(
@@ -255,6 +269,10 @@ def _start_world(ranks: int | None) -> Any:
             ],
             comm.rank,
         )
+    # before numba loads: a rank whose own look at the cache went otherwise compiles where the others of its node do
+    os.environ["NUMBA_CACHE_DIR"] = parallel.same_on_node(comm, os.environ["NUMBA_CACHE_DIR"])
+    if note:
+        _print_problems([f"pdfem: note: {note}"], comm.rank)
     return comm
 
 
@@ -265,6 +283,12 @@ def _shared_memory_problem() -> str | None:
         return shared_memory_problem(1)
     here = os.environ.get("MPI_LOCALNRANKS", "")  # MPICH's launcher tells
     return shared_memory_problem(int(here), started=True) if here.isdigit() and int(here) else None
+
+
+def _let_interrupts_end_all(comm: Any) -> None:
+    """Let Ctrl-C end a rank by the signal itself: one that left in an orderly way would wait for the others."""
+    if comm.size > 1 and signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _read_scene(deck: Path, overrides: list[str], comm: Any) -> Scene:
@@ -309,7 +333,7 @@ def run(
     """Solve the case of DECK and write a run folder; go on where an earlier start of the same run was stopped."""
     folder = out or Path("runs") / deck.stem
     ways = {"resume": resume, "steal_lock": steal_lock, "force": force}
-    return _run(deck, ranks, _overrides(overrides, minutes), folder, overwrite, max_hours, ways)
+    return _run(deck, ranks, _overrides(overrides, minutes), folder, overwrite, max_hours, ways | {"deck": deck})
 
 
 @app.command()
@@ -398,6 +422,7 @@ def info(
 def check(deck: DeckArgument, overrides: SetOption = None) -> int:
     """Validate DECK and print what a run would allocate."""
     comm = _start_world(None)
+    _let_interrupts_end_all(comm)
     scene = _read_scene(deck, overrides or [], comm)
     from pdfem_mpi.run.run import check_scene
 
@@ -417,8 +442,12 @@ def plot(
 ) -> int:
     """Draw the figures of a run with failure again, from its result files."""
     launch.prepare_environment()
+    from pdfem_mpi.results.ownership import is_run, refuse_folder
     from pdfem_mpi.run.run import draw_run
 
+    refusal = refuse_folder(folder) or (None if is_run(folder) else f"{folder} holds no run. Give a run folder.")
+    if refusal:
+        raise _fail([f"pdfem: {refusal}"], 0)
     missing: list[str] = []
     try:
         scene = read_deck(folder / "deck.toml")
@@ -447,6 +476,7 @@ def plot(
 def warmup() -> int:
     """Compile all kernels into the cache, for images and continuous integration."""
     comm = _start_world(None)
+    _let_interrupts_end_all(comm)
     from pdfem_mpi.run.run import warm_up
 
     start = time.perf_counter()
@@ -560,6 +590,7 @@ def study(
         members = studies.make_members(deck, axes, overrides)
         if ranks is not None and ranks > 1:
             launch.mpirun_command(ranks)  # a missing launcher is told once, not by every member
+        studies.check_folder(folder)
         changed = [] if overwrite else studies.changed_members(members, folder)
     except DeckError as error:
         raise _fail(error.messages, 0) from None

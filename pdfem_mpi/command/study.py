@@ -24,8 +24,11 @@ from typing import Any
 from pdfem_mpi.deck.scene import Scene, show
 from pdfem_mpi.deck.toml import DeckError, dimension_of, parse_deck, read_text, write_deck
 from pdfem_mpi.results.labels import attempt
+from pdfem_mpi.results.ownership import refuse_study
 from pdfem_mpi.results.study import Series, draw_study, write_table
+from pdfem_mpi.system.plain_files import read_plain
 
+MOST_BYTES = 1 << 24  # of a summary
 MAX_MEMBERS = 1000  # a product of values typed by mistake
 MAX_NAME = 100  # characters of a member's folder
 EXIT_FINISHED, EXIT_USAGE, EXIT_INTERNAL_ERROR, EXIT_STOPPED = 0, 64, 70, 75
@@ -240,9 +243,20 @@ def changed_members(members: Sequence[Member], folder: Path) -> list[str]:
     return sentences
 
 
+def check_folder(folder: Path) -> None:
+    """Refuse a folder with the files of others.
+
+    Raises
+    ------
+    StudyError
+    """
+    if reason := refuse_study(folder):
+        raise StudyError([reason])
+
+
 def _summary(folder: Path) -> dict[str, Any]:
     try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        summary = json.loads(read_plain(folder / "summary.json", MOST_BYTES))
     except (OSError, ValueError):
         return {}
     return summary if isinstance(summary, dict) else {}
@@ -312,6 +326,7 @@ def starter(deck: Path, overrides: Sequence[str], ranks: int | None, interruptio
         command += ["--overwrite"] if overwrite else []
         log = folder.parent.parent / "logs" / f"{folder.name}.log"
         log.parent.mkdir(parents=True, exist_ok=True)
+        log.unlink(missing_ok=True)  # a link or a pipe of that name must not be written through
         with log.open("wb") as output:
             # of its own session: a terminal's Ctrl-C reaches it through the study, once
             process = subprocess.Popen(

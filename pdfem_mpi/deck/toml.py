@@ -20,10 +20,12 @@ from pydantic.fields import FieldInfo
 
 from pdfem_mpi.deck.limits import find_limits
 from pdfem_mpi.deck.scene import Problem, Scene, SceneError, Table, Vector, did_you_mean, find_problems, show
+from pdfem_mpi.system.plain_files import NotPlain, read_plain
 
 MISSING = object()
 #: Sentences about a deck that are shown, and characters of one: nobody reads more, and a program should not write it.
 MOST_PROBLEMS, LONGEST_SENTENCE = 50, 2000
+MOST_BYTES = 1 << 24  # a file without an end is not read
 WORDS = {float: "a number", int: "a whole number", str: 'a text in quotes ("...")', bool: "true or false"}
 LIMITS = (("gt", "above {}"), ("ge", "of {} or more"), ("lt", "below {}"), ("le", "of {} or less"))
 
@@ -53,7 +55,7 @@ def read_text(path: str | Path) -> str:
     """Return the text of a deck, or raise ``DeckError`` with the reason and the remedy."""
     file = Path(path)
     try:
-        return file.read_bytes().decode("utf-8")
+        return read_plain(file, MOST_BYTES).decode("utf-8")
     except FileNotFoundError:
         try:
             near = [str(other) for other in file.parent.glob("*.toml")]
@@ -65,6 +67,8 @@ def read_text(path: str | Path) -> str:
         message = f"{path}: this is a folder. Give the path of a deck (a .toml file) in it."
     except UnicodeDecodeError as error:
         message = f"{path}: byte {error.start} is not UTF-8 text. Give a TOML deck saved as UTF-8."
+    except NotPlain as error:
+        message = f"{path}: {error.strerror}. Give the path of a deck (a .toml file)."
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         message = f"{path}: cannot be read: {reason}. Give a deck that this user may read."

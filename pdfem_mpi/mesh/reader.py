@@ -19,6 +19,7 @@ from pdfem_mpi.deck.limits import LARGEST
 from pdfem_mpi.deck.scene import MESH_SUFFIXES, FileMesh, SceneError, did_you_mean
 from pdfem_mpi.mesh.abaqus import find_traps
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh
+from pdfem_mpi.system.plain_files import NotPlain, open_plain
 
 FORMATS = {".msh": "gmsh", ".inp": "abaqus", ".vtu": "vtu", ".exo": "exodus", ".e": "exodus"}
 NAMES = {"gmsh": "Gmsh", "abaqus": "Abaqus", "vtu": "VTK (.vtu)", "exodus": "Exodus II"}
@@ -79,7 +80,7 @@ def read_mesh(entry: FileMesh) -> MeshFile:
 def _troubles(path: Path, kind: str) -> list[str]:
     """Why a file cannot be what the deck says, or what of it would be misread."""
     try:
-        with path.open("rb") as file:
+        with open_plain(path) as file:
             head = file.read(HEAD)
     except FileNotFoundError:
         near = [str(other) for suffix in MESH_SUFFIXES for other in path.parent.glob(f"*{suffix}")]
@@ -87,6 +88,8 @@ def _troubles(path: Path, kind: str) -> list[str]:
         return [f"there is no such file.{remedy}"]
     except IsADirectoryError:
         return ["this is a folder. Give a mesh file in it."]
+    except NotPlain as error:
+        return [f"{error.strerror}. Give a mesh file."]
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         return [f"cannot be read: {reason}. Give a file that this user may read."]

@@ -48,6 +48,16 @@ def node_communicator(comm: Intracomm) -> Intracomm:
     return comm.Split_type(mpi().COMM_TYPE_SHARED)
 
 
+def same_on_node(comm: Intracomm, value: T) -> T:
+    """Return the ``value`` of the first rank on this rank's node. Collective."""
+    if comm.size == 1:
+        return value
+    node = node_communicator(comm)
+    value = node.bcast(value)
+    node.Free()
+    return value
+
+
 def check_launcher(comm: Intracomm) -> str | None:
     """Return a sentence if the launcher started several ranks but ``comm`` has one, else None.
 

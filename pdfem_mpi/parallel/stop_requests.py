@@ -32,10 +32,12 @@ class Stopped(Exception):
     ----------
     kept : bool
         A checkpoint of this very state was written.
+    asked : bool
+        By a signal, not by the clock.
     """
 
-    def __init__(self, reason: str, kept: bool):
-        self.kept = kept
+    def __init__(self, reason: str, kept: bool, asked: bool = True):
+        self.kept, self.asked = kept, asked
         super().__init__(reason)
 
 
@@ -122,18 +124,18 @@ class Pauses:
 
     def resumed(self, state: Any) -> None:
         """The state is that of a checkpoint: none is written until it has moved on."""
-        self._kept, self._step = _place(state), state.step
+        self._kept, self._step = place_of(state), state.step
 
     def save(self, state: Any) -> bool:
         """Keep a checkpoint unless this very state has one. Collective."""
-        if self._kept == _place(state):
+        if self._kept == place_of(state):
             return True  # not twice
         start = monotonic()
         kept = self.keeper.save(state)
         self._last = monotonic()
         self.cost, self._step = self._last - start, state.step
         if kept:
-            self._kept = _place(state)
+            self._kept = place_of(state)
         return kept
 
     def _steps_due(self, state: Any) -> bool:
@@ -141,13 +143,14 @@ class Pauses:
 
     def _stop(self, state: Any) -> None:
         asked = broadcast(self.comm, self.end is None or monotonic() <= self.end - 2.0 * self.cost)
-        raise Stopped("asked to stop" if asked else "the time allowed by --max-hours is used up", self.save(state))
+        reason = "asked to stop" if asked else "the time allowed by --max-hours is used up"
+        raise Stopped(reason, self.save(state), asked)
 
 
 def _due(count: int, every: int | None) -> bool:
     return every is not None and count > 0 and count % every == 0
 
 
-def _place(state: Any) -> tuple[float, ...]:
+def place_of(state: Any) -> tuple[float, ...]:
     """Where a run is: no two states of one run have the same, and all ranks agree."""
     return state.step, state.iteration, state.spent, *state.program.values()

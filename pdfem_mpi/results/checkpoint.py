@@ -125,6 +125,7 @@ class Writer:
         self._stack = contextlib.ExitStack()
         self._file: h5py.File | None = None
         try:
+            self.temporary.unlink(missing_ok=True)  # a link or a pipe of that name must not be written through
             options = {"libver": ("v110", "v110"), "userblock_size": SEAL, "synced": True}
             self._file = self._stack.enter_context(guarded(self.temporary, "w", **options))
             for name, shape in self._tables.items():

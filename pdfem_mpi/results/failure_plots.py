@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from pdfem_mpi.results import vtkhdf
 from pdfem_mpi.results.labels import as_it_is, attempt
+from pdfem_mpi.results.ownership import Written
 from pdfem_mpi.results.plots import DPI, LEGEND, SIZE_INCHES, STYLE
 from pdfem_mpi.system.files import replacing
 
@@ -70,11 +71,13 @@ def draw_failure(
     drawn: list[Path] = []
     if not history.get("broken_bonds"):
         return drawn
-    figures = folder / "figures"
-    figures.mkdir(exist_ok=True)
+    (folder / "figures").mkdir(exist_ok=True)
+    written = Written(folder)
+    written.begin()
 
     def draw(name: str, how: Callable[..., Path], *arguments: object) -> None:
-        drawn.extend(attempt(lambda: how(figures / name, *arguments), figures / name, warn))
+        path = written.new(f"figures/{name}")
+        drawn.extend(attempt(lambda: how(path, *arguments), path, warn))
 
     draw("reaction.png", _draw_reaction, history, title, length, force)
     draw("energies.png", _draw_energies, history, title, length, force)

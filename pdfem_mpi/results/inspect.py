@@ -9,7 +9,9 @@ from pdfem_mpi.results.checkpoint import Invalid, check, list_checkpoints
 from pdfem_mpi.results.cursor import find_damage
 from pdfem_mpi.results.summary import look_at_summary
 from pdfem_mpi.system.lock import owner_of
+from pdfem_mpi.system.plain_files import read_plain
 
+MOST_BYTES = 1 << 24
 Rows = list[tuple[str, str]]
 
 
@@ -45,7 +47,7 @@ def _describe_file(path: Path) -> tuple[str, Rows, str | None]:
 def _describe_folder(folder: Path) -> tuple[str, Rows, str | None]:
     rows: Rows = []
     try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        summary = json.loads(read_plain(folder / "summary.json", MOST_BYTES))
         rows.append(("status", f"{summary['status']}, exit code {summary['exit_code']}"))
     except FileNotFoundError:
         summary = {}

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 EXIT_USAGE, EXIT_NO_CHECKPOINT, EXIT_NOT_WRITTEN = 64, 65, 73
 FOLDER = "checkpoints"
+MOST_BYTES = 1 << 24  # of a summary
 #: So many checkpoints that could not be written, one after the other, end the run.
 MOST_FAILURES = 3
 #: What a file's header calls the version of its content; the form of the file has another number.
@@ -71,6 +72,8 @@ class Ways:
         Whether the watchdog runs.
     requests : Requests
         What signals ask.
+    deck : Path or None
+        The deck that is read, which the run must not replace; None where it may, as when a run goes on in its folder.
     """
 
     resume: str = AUTO
@@ -79,6 +82,7 @@ class Ways:
     end: float | None = None
     watched: bool = False
     requests: Requests = field(default_factory=Requests)
+    deck: Path | None = None
 
 
 @dataclass
@@ -101,6 +105,10 @@ class Start:
         The deck is not that of the checkpoint.
     other_fields : bool
         Frames have other fields than before.
+    seconds_before : float
+        Of all earlier starts.
+    restarts : list of dict
+        One entry for each start but the first, this one's included.
     """
 
     path: Path | None = None
@@ -110,6 +118,8 @@ class Start:
     finished: bool = False
     changed: bool = False
     other_fields: bool = False
+    seconds_before: float = 0.0
+    restarts: list[dict[str, Any]] = field(default_factory=list)
 
     @property
     def results(self) -> dict[str, dict[str, int]]:
@@ -127,9 +137,16 @@ def choose_start(out: Path, resume: str, overwrite: bool) -> Start:
     """
     from pdfem_mpi.results.checkpoint import list_checkpoints
 
+    named = resume not in (AUTO, NEVER, CONTINUE)
+    if overwrite and named:
+        raise Refused(
+            EXIT_USAGE,
+            f"--overwrite starts at the beginning and removes what {out} holds, --resume {resume} goes on from there. "
+            "Leave one of them away.",
+        )
     if overwrite:
         return Start()
-    if resume not in (AUTO, NEVER, CONTINUE):
+    if named:
         return _start_from(out, Path(resume))
     found = list_checkpoints(out / FOLDER)
     status, notes = look_at_summary(out)
@@ -364,7 +381,7 @@ class Keeper:
     good : (State, Moment) or None
         What `remember` holds.
     restarts : list of dict
-        One entry for each start from a checkpoint, the last one's included.
+        One entry for each start but the first, the last one's included.
     """
 
     def __init__(
@@ -384,9 +401,9 @@ class Keeper:
         self.folder, self.keep = out / FOLDER, scene.checkpoint.keep
         self.written = self.failed = self.size = 0
         self.seconds = self.seconds_in_all = 0.0
-        self.restarts = list(start.header.get("restarts", []))
+        self.restarts = start.restarts
         self._flush, self._tell = flush, tell
-        self._before, self._started = start.header.get("seconds", 0.0), started
+        self._before, self._started = start.seconds_before, started
         self._failures, self._number = 0, 0
         self.good: tuple[State, Moment] | None = None
         if self.comm.rank == 0:

@@ -7,7 +7,6 @@ import hashlib
 import math
 import os
 import platform
-import shutil
 import sys
 from collections.abc import Callable, Collection
 from contextlib import suppress
@@ -30,9 +29,9 @@ from pdfem_mpi.model.forces import Forces, NotFinite
 from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import Model, build_model
 from pdfem_mpi.model.parts import describe_loose
-from pdfem_mpi.model.state import State, new_state
+from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import NotWritten, agree, broadcast, largest, node_communicator, on_root, sum_integers
-from pdfem_mpi.parallel.stop_requests import Pauses, Stopped
+from pdfem_mpi.parallel.stop_requests import Pauses, Stopped, place_of
 from pdfem_mpi.parallel.watchdog import Asleep, Watchdog, patience
 from pdfem_mpi.peridynamics.bonds import count_by_material, total_bonds
 from pdfem_mpi.peridynamics.damage import Remaining
@@ -43,8 +42,10 @@ from pdfem_mpi.results.frame_digest import FrameDigest
 from pdfem_mpi.results.labels import attempt
 from pdfem_mpi.results.lines import write_line
 from pdfem_mpi.results.log import RunLog
+from pdfem_mpi.results.ownership import RESULTS, SUMMARY
 from pdfem_mpi.results.summary import sealed, write_summary
 from pdfem_mpi.run.compilation import compile_kernels, not_compiled
+from pdfem_mpi.run.entering import Entry
 from pdfem_mpi.run.identity import identity
 from pdfem_mpi.run.memory_estimate import Need, check_mesh, check_model, resident, show_bytes
 from pdfem_mpi.run.memory_report import Watched, count_parts, describe_memory, features_of, left_out, table_of
@@ -54,7 +55,6 @@ from pdfem_mpi.run.restart import (
     Refused,
     Start,
     Ways,
-    choose_start,
     compare,
     restore,
     restore_late,
@@ -64,9 +64,7 @@ from pdfem_mpi.run.restart import FOLDER as CHECKPOINTS
 from pdfem_mpi.solvers.convergence import NotConverged, Progress
 from pdfem_mpi.solvers.stability import smallest_eigenvalue
 from pdfem_mpi.stepping import Report, follow_load_program, make_solver
-from pdfem_mpi.system.files import replacing
 from pdfem_mpi.system.heap import APART_BESIDE_BONDS, large_arrays_apart
-from pdfem_mpi.system.lock import Lock, Locked
 
 EXIT_FINISHED, EXIT_NOT_CONVERGED, EXIT_STOPPED = 0, 74, 75
 STATUS = {
@@ -259,7 +257,7 @@ class _Run:
         self.scene, self.comm, self.out, self.deck_text = scene, comm, out, deck_text
         self.overwrite, self.reporter, self.ways = overwrite, reporter, ways
         self.seconds: dict[str, float] = {}
-        self.lock: Lock | None = None
+        self.entry: Entry | None = None  # on rank 0 alone
         self.frame_files: dict[str, FrameDigest] = {}
         self.energy_error: float | None = None
         self.smallest_eigenvalue: float | None = None
@@ -271,7 +269,6 @@ class _Run:
         self.started = perf_counter()
 
     def go(self) -> int:
-        new = [path for path in (self.out, *self.out.parents) if not path.exists()] if self.comm.rank == 0 else []
         try:
             start, refusal = broadcast(self.comm, on_root(self.comm, self._enter))
             if refusal:
@@ -279,27 +276,38 @@ class _Run:
             hang = self.out / f"run.r{self.comm.rank}.hang"
             with Watchdog(self.comm, hang, patience()) if self.ways.watched else Asleep():
                 return self._go(start)
+        except (SceneError, Refused):
+            if self.entry:
+                self.entry.take_back()
+            raise
+        except Stopped as stop:
+            if self.entry:
+                self.entry.end(EXIT_STOPPED)
+            self.reporter.line(f"pdfem: stopped: {stop}. The same command starts again.")
+            return EXIT_STOPPED
         finally:
-            if self.lock:
-                self.lock.release()
-            for path in new:  # a run that was refused leaves no empty folder
-                with suppress(OSError):
-                    path.rmdir()
+            if self.entry:
+                self.entry.leave()
 
     def _enter(self) -> tuple[Start | None, tuple[int, str] | None]:
         """Take the folder, and decide where to start."""
-        self.out.mkdir(parents=True, exist_ok=True)
         try:
-            self.lock = Lock(self.out, os.environ.get("SLURM_JOB_ID", ""), self.ways.steal_lock)
-            start = choose_start(self.out, self.ways.resume, self.overwrite)
-        except Locked as error:
-            return None, (EXIT_NOT_WRITTEN, str(error))
+            self.entry = Entry(self.out, self.deck_text, self.overwrite, self.ways, self.comm.size, self.started)
         except Refused as error:
             return None, (error.code, str(error))
-        start.notes += unchecked(start.results)
-        if self.lock.note:
-            start.notes.insert(0, self.lock.note)
-        return start, None
+        self.entry.start.notes += unchecked(self.entry.start.results)
+        return self.entry.start, None
+
+    def _look_for_a_stop(self) -> None:
+        """End a start that was asked to stop before its load program began. Collective.
+
+        Raises
+        ------
+        Stopped
+            On all ranks.
+        """
+        if sum_integers(self.comm, np.array([self.ways.requests.stop_in_set_up()]))[0]:
+            raise Stopped("asked to stop before the first step: nothing was done", kept=True)
 
     def _go(self, start: Start) -> int:
         scene, comm = self.scene, self.comm
@@ -308,6 +316,7 @@ class _Run:
             if missing := on_root(comm, lambda: not_compiled(features)):
                 self.reporter.line(f"compiling {missing} kernels, once on this machine (up to 30 s)")
             warm_up(comm, features)
+        self._look_for_a_stop()
         before = resident()
         with _phase(self.seconds, "setup"), large_arrays_apart():
             discretization, need = prepare(scene, comm)
@@ -315,7 +324,10 @@ class _Run:
                 start.notes += compare(start, identity(scene, discretization), self.ways.force)
             if start.finished and not start.changed:
                 self.reporter.line(f"pdfem: {self.out} is finished already; --set a longer program to go on.")
+                if self.entry:
+                    self.entry.take_back()
                 return EXIT_FINISHED
+            self._look_for_a_stop()
             model = build_model(scene, discretization, comm, fit_folders(self.out))
             case = make_load_case(scene, discretization, model)
             state = new_state(model)
@@ -323,6 +335,7 @@ class _Run:
             forces = Forces(model, state.bounds, evaluations=start.header.get("evaluations", 0))
             failure = make_failure(scene, discretization, model)
             counts = _counts(discretization, model)
+        self._look_for_a_stop()
         on_root(comm, lambda: self._open_folder(start))
         tell = self.reporter.line
         for text in describe_loose(case.parts, case.loose):
@@ -331,8 +344,6 @@ class _Run:
             tell(_describe_taken(case.taken * discretization.units.force, scene.units.force))
         self.parts = {"count": case.parts.count, "not_held": len(case.loose)}
         keeper = Keeper(scene, discretization, forces, failure, self.out, self._flush, tell, start, self.started)
-        if start.path:
-            keeper.restarts.append(self._restart(start, state))
         pauses = Pauses(comm, self.ways.requests, keeper, scene.checkpoint, self.ways.end)
         with _phase(self.seconds, "setup"), large_arrays_apart(APART_BESIDE_BONDS):
             solve = make_solver(scene, discretization, forces, case, tell, pauses)
@@ -356,6 +367,7 @@ class _Run:
                 tell(f"warning: the fitted body is unstable: some motion lowers its energy. Use {remedy}.")
         for note in start.notes:
             tell(f"note: {note}")
+        first = place_of(state)
         if start.path:
             pauses.resumed(state)
             tell(f"going on from {start.path.name}: step {state.step}, iteration {state.iteration}")
@@ -379,7 +391,9 @@ class _Run:
 
         if not start.path:
             state.began = perf_counter()
-        solve_start, output = perf_counter(), 0.0
+        self.ways.requests.setting_up = False
+        start_up = perf_counter() - self.started
+        solve_start, output, timed = perf_counter(), 0.0, False
         try:
             program = () if over else follow_load_program(scene, solve, failure, state, case, watch)
             for rows, row in enumerate(program, start=1):  # noqa: B007 - asked for after the loop
@@ -406,6 +420,10 @@ class _Run:
             keeper.save_good()
         except Stopped as stop:
             code, reason = (EXIT_STOPPED, str(stop)) if stop.kept else (EXIT_NOT_WRITTEN, f"{stop}, and not kept")
+            timed = not stop.asked
+        did_nothing = code == EXIT_STOPPED and timed and place_of(state) == first
+        if did_nothing and self.entry:
+            reason += _describe_nothing(start_up, self.entry.starts.idle)
         self.seconds["solve"] = perf_counter() - solve_start - output
         self.seconds["output"] = output
         phases = {name: round(value, 6) for name, value in forces.seconds.items()}
@@ -424,13 +442,14 @@ class _Run:
         self.seconds["total"] = perf_counter() - self.started
         summary = None
         if comm.rank == 0:
+            self.entry.starts.end(self.seconds["total"], code, did_nothing, start.notes)
             summary = self._summary(
                 code, reason, counts, model, evaluations, phases, memory, loads, discretization, by_material, state,
                 keeper, fields_sha256(fields) if fields else digest,
             )
         if code == EXIT_FINISHED:
             on_root(comm, self._remove_stacks)
-        on_root(comm, lambda: write_summary(self.out / "summary.json", sealed(summary, self.out)))
+        on_root(comm, lambda: write_summary(self.entry.written.new(SUMMARY), sealed(summary, self.out)))
         if comm.rank == 0:
             self.reporter.table(scene.title or self.out.name, _end_table(summary, scene))
             self.reporter.table("memory: what was allocated, and what was left out", table_of(summary))
@@ -438,31 +457,18 @@ class _Run:
         return code
 
     def _open_folder(self, start: Start) -> None:
-        (self.out / "summary.json").unlink(missing_ok=True)
+        self.entry.written.remove(SUMMARY)
         if start.path:
             take_over(start, self.out / CHECKPOINTS)
         else:
-            for name in ("history.csv", "points.vtkhdf", "elements.vtkhdf", "run.log"):
-                (self.out / name).unlink(missing_ok=True)
-            shutil.rmtree(self.out / CHECKPOINTS, ignore_errors=True)
-        for name in ("figures", "lines"):
-            shutil.rmtree(self.out / name, ignore_errors=True)
-        with replacing(self.out / "deck.toml") as temporary:
-            temporary.write_text(self.deck_text, encoding="utf-8")
-        self.reporter = _Logged(self.reporter, RunLog(self.out / "run.log"))
-
-    def _restart(self, start: Start, state: State) -> dict[str, Any]:
-        """What summary.json and later checkpoints say of this start."""
-        return {
-            "checkpoint": start.path.name,
-            "step": state.step,
-            "iteration": state.iteration,
-            "ranks": self.comm.size,
-            "seconds_before": start.header["seconds"],
-            "notes": start.notes,
-        }
+            self.entry.written.remove(*RESULTS)
+            self.entry.written.remove_checkpoints(self.out / CHECKPOINTS)
+        self.entry.written.remove("figures/", "lines/")
+        self.entry.settle()
+        self.reporter = _Logged(self.reporter, RunLog(self.entry.written.new("run.log")))
 
     def _flush(self) -> dict[str, dict[str, int]]:
+        self.entry.starts.note(perf_counter() - self.started)
         return flushed(self.out, self.history, self.frame_files)
 
     def _open_results(self, discretization: Discretization, failure: Failure | None, start: Start):
@@ -474,7 +480,8 @@ class _Run:
             self.reporter.line(f"warning: {text}")
 
         columns = HISTORY + FAILURE_HISTORY if failure else HISTORY
-        history = continue_history(out / "history.csv", columns, start.results.get("history.csv"), note)
+        path = self.entry.written.new("history.csv")
+        history = continue_history(path, columns, start.results.get("history.csv"), note)
         self.history = history
         mesh = discretization.mesh
         frames = []
@@ -482,6 +489,7 @@ class _Run:
             from pdfem_mpi.results import vtkhdf
 
             def is_new(name):
+                self.entry.written.new(name)
                 if start.other_fields:
                     set_aside(out / name, "output was changed", note, "before")
                 cursor = None if start.other_fields else start.results.get(name)
@@ -556,7 +564,8 @@ class _Run:
         for name, line in self.lines.items():
             inside = line.kind != ""
             u = [values if known else None for values, known in zip(line.displacement, inside, strict=True)]
-            write_line(self.out / "lines" / f"{name}.csv", zip(line.distance, line.position, u, line.kind, strict=True))
+            rows = zip(line.distance, line.position, u, line.kind, strict=True)
+            write_line(self.entry.written.new(f"lines/{name}.csv"), rows)
 
     def _remove_stacks(self) -> None:
         """What earlier starts left where they hung says nothing of a run that finished."""
@@ -590,7 +599,7 @@ class _Run:
                 "xyz"[moving[0]] if on_axis else "distance from its start",
                 f"line {name}" + (f": {', '.join(fixed)}" if on_axis else ""),
             )
-            path = self.out / "figures" / f"line_{name}.png"
+            path = self.entry.written.new(f"figures/line_{name}.png")
             texts = self.scene.title, self.scene.units.length
             attempt(functools.partial(plots.displacement_along_line, path, samples, *texts), path, self._warn)
 
@@ -602,7 +611,7 @@ class _Run:
             bar.coordinate, bar.displacement, bar.exact, kind, bar.interface, bar.overlap, axis
         )
         plots.axial_displacement(
-            self.out / "figures" / "axial_displacement.png",
+            self.entry.written.new("figures/axial_displacement.png"),
             stations,
             self.scene.title,
             self.scene.units.length,
@@ -650,7 +659,7 @@ class _Run:
                 "bytes_of_last": keeper.size or None,
             },
             "restarts": keeper.restarts,
-            "seconds_of_all_starts": keeper.elapsed,
+            "seconds_of_all_starts": self.entry.starts.seconds_before + self.seconds["total"],
             "surface_correction": {
                 "kind": self.scene.peridynamics.surface_correction if discretization.cutoff else None,
                 "remaining": model.correction_remaining if discretization.cutoff else None,
@@ -765,6 +774,12 @@ def _fit_report(outcome: BodyFit | None, smallest: float | None, stable: bool | 
     return report | (asdict(outcome.fit) | found if outcome.fit else {})
 
 
+def _describe_nothing(start_up: float, idle: int) -> str:
+    """What to say of a start that ended where it began, after others that did."""
+    again = f" It is start {idle + 1} in a row that did nothing." if idle else ""
+    return f". Nothing was done. Start-up alone took {start_up:.1f} s: allow more.{again}"
+
+
 def _describe_taken(force: np.ndarray, unit: str) -> str:
     """A sentence about loads on held places; force (3,), NaN along axes where there are none."""
     parts = [f"{value:.6g}{' ' + unit if unit else ''} along {axis}" for value, axis in zip(force, "xyz", strict=True)
@@ -783,7 +798,7 @@ def _ending(code: int, reason: str | None, out: Path) -> str:
     if code == EXIT_FINISHED:
         return f"finished; results in {out}"
     remedy = f". Go on with: pdfem resume {out}" if code == EXIT_STOPPED else ""
-    return f"{STATUS[code]}: {reason}{remedy}"
+    return f"{STATUS[code]}: {(reason or '').rstrip('.')}{remedy}"
 
 
 def _end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:

@@ -24,6 +24,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     temporary = path.with_name(path.name + ".tmp")
+    # what a killed process left, or a link or a pipe of that name, must not be written through
+    temporary.unlink(missing_ok=True)
     try:
         yield temporary
         sync(temporary)

@@ -5,13 +5,13 @@ Nothing here imports mpi4py, numpy or numba: the decisions have to be made, and 
 
 from __future__ import annotations
 
+import atexit
 import os
 import platform
 import re
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import MutableMapping
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +19,7 @@ from typing import NamedTuple
 import platformdirs
 
 from pdfem_mpi import __version__
+from pdfem_mpi.system.private_folders import make_fresh, make_private
 
 # What the launchers' ranks find in their environment. Not SLURM_NTASKS: the batch shell has it too.
 LAUNCHER_VARIABLES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "SLURM_STEP_NUM_TASKS")
@@ -67,34 +68,53 @@ def rank_by_launcher(environ: Environment = os.environ) -> int:
     return 0
 
 
-def prepare_environment(environ: Environment = os.environ) -> None:
+def prepare_environment(environ: Environment = os.environ) -> str | None:
     """Set one thread per rank and the compile cache, where the user has not; before numpy and numba load.
 
     Unset, every rank would start as many threads as there are cores.
+
+    Returns
+    -------
+    str or None
+        A sentence where the user's cache folder does not serve and kernels are compiled into one for this start.
     """
     for name in THREAD_VARIABLES:
         environ.setdefault(name, "1")
-    if not environ.get("NUMBA_CACHE_DIR"):
-        environ["NUMBA_CACHE_DIR"] = str(compile_cache())
+    if environ.get("NUMBA_CACHE_DIR"):
+        return None
+    folder, reason = compile_cache()
+    environ["NUMBA_CACHE_DIR"] = str(folder)
+    return reason
 
 
-def compile_cache() -> Path:
-    """Return a writable folder for compiled kernels, named by this version and the CPU.
+def compile_cache() -> tuple[Path, str | None]:
+    """Return a folder for compiled kernels that nobody else can write, and a sentence if it is not the usual one.
 
-    Homes are shared between machines and code compiled for one CPU may not run on another. Where the user's
-    cache folder cannot be written, a folder of this user under the temporary folder serves.
+    The usual one is named by this version and the CPU: homes are shared between machines, and code compiled for one
+    CPU may not run on another. Where it cannot be written, or others could have put code into it, a fresh folder with
+    a name that nobody can guess serves, and goes when this process ends.
+
+    Raises
+    ------
+    LaunchError
+        There is no safe place for that either.
     """
-    name = f"{__version__}-{cpu_slug()}"
-    usual = Path(platformdirs.user_cache_path("pdfem_mpi", appauthor=False)) / name
-    spare = Path(tempfile.gettempdir()) / f"pdfem_mpi-{os.getuid()}" / name
-    for folder in (usual, spare):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=folder):
-                return folder
-        except OSError:
-            continue
-    return spare
+    usual = Path(platformdirs.user_cache_path("pdfem_mpi", appauthor=False)) / f"{__version__}-{cpu_slug()}"
+    usual = Path(os.path.realpath(usual))
+    reason = make_private(usual)
+    if reason is None:
+        return usual, None
+    fresh = make_fresh()
+    if fresh is None:
+        raise LaunchError(
+            f"the cache of compiled kernels, {usual}, {reason}, and no temporary folder is safe from other users. "
+            "Give a folder of your own with NUMBA_CACHE_DIR."
+        )
+    atexit.register(shutil.rmtree, fresh, ignore_errors=True)
+    return fresh, (
+        f"the cache of compiled kernels, {usual}, {reason}. This start compiles into {fresh} (up to 30 s); "
+        "give a folder of your own with NUMBA_CACHE_DIR."
+    )
 
 
 def cpu_name() -> str:

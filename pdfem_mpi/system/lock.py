@@ -10,7 +10,10 @@ import socket
 from pathlib import Path
 from typing import Any
 
+from pdfem_mpi.system.plain_files import read_plain
+
 NAME = "RUNNING"
+MOST_BYTES = 1 << 16
 
 
 class Locked(Exception):
@@ -58,14 +61,16 @@ class Lock:
     def release(self) -> None:
         """Remove the file, if it still is this job's."""
         with contextlib.suppress(OSError):
-            if self.path.read_text(encoding="utf-8") == self._text:
+            if _read(self.path) == self._text:
                 self.path.unlink()
 
     def _create(self) -> None:
         """Create the file with its text at once, so that a kill cannot leave one without."""
         whole = self.path.with_name(f"{NAME}.{os.getpid()}")
         try:
-            whole.write_text(self._text, encoding="utf-8")
+            whole.unlink(missing_ok=True)
+            with open(whole, "x", encoding="utf-8") as file:
+                file.write(self._text)
             os.link(whole, self.path)
         except FileExistsError:
             raise
@@ -80,7 +85,7 @@ class Lock:
     def _remove_stale(self, steal: bool) -> None:
         """Remove the file of a job that is gone. It is moved aside first: of two jobs that try, one gets it."""
         try:
-            text = self.path.read_text(encoding="utf-8", errors="replace")
+            text = _read(self.path)
         except FileNotFoundError:
             return
         owner = _parse(text)
@@ -93,7 +98,7 @@ class Lock:
         aside = self.path.with_name(f"{NAME}.{os.getpid()}")
         with contextlib.suppress(FileNotFoundError):
             os.rename(self.path, aside)
-            if aside.read_text(encoding="utf-8", errors="replace") == text:
+            if _read(aside) == text:
                 self.note = f"the folder was left by {_describe(owner)}, which did not end by itself"
             else:  # another job was faster, and this is its file
                 with contextlib.suppress(OSError):
@@ -104,7 +109,7 @@ class Lock:
 def owner_of(folder: Path) -> tuple[str, bool | None] | None:
     """Who holds a folder, in words, and whether it lives (None: unknown); None if nobody does."""
     try:
-        owner = _parse((folder / NAME).read_text(encoding="utf-8", errors="replace"))
+        owner = _parse(_read(folder / NAME))
     except OSError:
         return None
     return _describe(owner), alive(owner)
@@ -134,6 +139,10 @@ def started(pid: int) -> str | None:
     except (OSError, IndexError):
         return None
     return f"{boot} {ticks}"
+
+
+def _read(path: Path) -> str:
+    return read_plain(path, MOST_BYTES).decode("utf-8", "replace")
 
 
 def _parse(text: str) -> dict[str, Any]:

@@ -2,29 +2,39 @@
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
 import os
 import signal
 import sys
 import threading
+import time
+from collections.abc import Callable
 from time import monotonic
 from typing import TYPE_CHECKING
+
+from pdfem_mpi.system.launcher import launcher_variable
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
-EXIT_AT_ONCE = 70
+EXIT_AT_ONCE, EXIT_STOPPED = 70, 75
 #: Two signals within this many seconds are one: batch systems and launchers may both pass it on.
 SAME_SIGNAL_SECONDS = 1.0
-STOPS = (signal.SIGUSR1, signal.SIGTERM)
+STOPS = (signal.SIGUSR1, signal.SIGTERM, signal.SIGINT)
+#: A run that was asked to stop before its load program began is ended when it has not found the time by itself.
+SET_UP_SECONDS = 3.0
 
 
 class Requests:
     """What signals ask of this process; installed once, as early as possible.
 
-    SIGUSR1 and SIGTERM ask for a checkpoint and an end: a flag is set, which all ranks hear of at the next safe point.
-    A second one, later than `SAME_SIGNAL_SECONDS`, ends all ranks at once with exit code 70. SIGUSR2 prints the
-    stacks of all threads.
+    SIGUSR1, SIGTERM and SIGINT (Ctrl-C) ask for a checkpoint and an end: a flag is set, which all ranks hear of at the
+    next safe point. A second one, later than `SAME_SIGNAL_SECONDS`, ends all ranks at once with exit code 70. SIGUSR2
+    prints the stacks of all threads.
+
+    While the deck is read and the run is set up there is nothing to keep: where the ranks do not come to the next look
+    at the flag within `SET_UP_SECONDS`, all are ended with exit code 75.
 
     A handler in Python would wait for the main thread, which may wait for another rank for ever: a thread of its own
     hears of signals instead.
@@ -34,21 +44,35 @@ class Requests:
     stop : bool
     comm : Intracomm or None
         Set when MPI has started.
+    setting_up : bool
+        Signals are heard, and the load program has not begun.
+    clean_up : list of callables
+        What to do before all ranks are ended; short, and of no other rank.
     """
 
     def __init__(self) -> None:
         self.stop = False
         self.comm: Intracomm | None = None
+        self.setting_up = False
+        self.clean_up: list[Callable[[], None]] = []
         self._first = 0.0
+        self._launched = launcher_variable() is not None
+
+    def stop_in_set_up(self) -> int:
+        """This rank's wish to stop before the load program begins, to be added over all ranks."""
+        return int(self.stop)
 
     def install(self) -> None:
         """Take over the signals. In the main thread only."""
+        self.setting_up = True
         heard, told = os.pipe()
         os.set_blocking(told, False)
         signal.set_wakeup_fd(told, warn_on_full_buffer=False)
         threading.Thread(target=self._listen, args=(heard,), name="signals", daemon=True).start()
         for number in STOPS:
-            signal.signal(number, lambda *_: None)
+            # what a shell starts in the background without job control is not meant by a Ctrl-C
+            if number != signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN:
+                signal.signal(number, lambda *_: None)
         try:
             faulthandler.register(signal.SIGUSR2, all_threads=True)
         except (ValueError, OSError, AttributeError):  # standard error is not a file
@@ -63,11 +87,32 @@ class Requests:
     def hear(self, number: int) -> None:
         """Note the first signal; end all ranks at the second."""
         now = monotonic()
+        name = signal.Signals(number).name
         if not self.stop:
             self._first, self.stop = now, True
+            if self.setting_up:
+                threading.Thread(target=self._end_set_up, args=(name,), name="end of set-up", daemon=True).start()
         elif now - self._first > SAME_SIGNAL_SECONDS:
-            sys.stderr.write(f"pdfem: {signal.Signals(number).name} a second time: ending at once\n")
-            sys.stderr.flush()
-            if self.comm is None:
-                os._exit(EXIT_AT_ONCE)
-            self.comm.Abort(EXIT_AT_ONCE)
+            self._end(EXIT_AT_ONCE, f"{name} a second time: ending at once")
+
+    def _end_set_up(self, name: str) -> None:
+        """End a run that is being set up, if it does not end by itself."""
+        time.sleep(SET_UP_SECONDS)
+        if self.setting_up:
+            self._end(EXIT_STOPPED, f"{name} before the first step: ending. The same command starts again")
+
+    def _end(self, code: int, words: str) -> None:
+        """End all ranks."""
+        sys.stderr.write(f"pdfem: {words}\n")
+        sys.stderr.flush()
+        for action in self.clean_up:
+            with contextlib.suppress(Exception):
+                action()
+        if self.comm is not None and (self._launched or self.comm.size > 1):
+            time.sleep(0.1)  # a launcher that ends may drop the words that it has not passed on
+            self.comm.Abort(code)
+        elif self._launched:
+            # a launcher lets the other ranks wait for ever in the start of MPI when one has left with a code
+            os.kill(os.getpid(), signal.SIGKILL)
+        else:  # without clean-up: a compiler that runs in another thread would stumble over it
+            os._exit(code)

@@ -1,6 +1,7 @@
 """Fits of bond factors on disk, named by their fingerprint, so that a series or a restart never fits twice.
 
-A file holds the multipliers of all points and the report, and the sha256 of both; what does not read back is no fit.
+A file holds the multipliers of all points and the report, and the sha256 of both; what does not read back is no fit,
+nor is a file of another user.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from pdfem_mpi.system.private_folders import is_own_file
+
 #: Most bytes of fits kept in a folder; the oldest go first.
 MOST_BYTES = 4 * 2**30
 
@@ -24,8 +27,11 @@ def load(folders: tuple[Path, ...], key: str) -> tuple[dict[str, Any], list[np.n
     """The report and the multipliers, shapes (n_cells, 8, 10), of a fit; None where no folder has it whole."""
     for folder in folders:
         try:
-            with np.load(_path(folder, key), allow_pickle=False) as file:
-                report, stored, digest = str(file["report"]), file["multipliers"], str(file["sha256"])
+            with open(os.open(_path(folder, key), os.O_RDONLY | os.O_NONBLOCK), "rb") as opened:
+                if not is_own_file(opened.fileno()):
+                    continue  # another user's numbers would be taken for a fit
+                with np.load(opened, allow_pickle=False) as file:
+                    report, stored, digest = str(file["report"]), file["multipliers"], str(file["sha256"])
         except (OSError, ValueError, KeyError, BadZipFile, EOFError, zlib.error):
             continue
         if digest == _digest(report, stored):
@@ -44,7 +50,8 @@ def store(folders: tuple[Path, ...], key: str, report: dict[str, Any], stored: n
         temporary = path.with_suffix(f".tmp.{os.getpid()}")
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            with temporary.open("wb") as file:
+            temporary.unlink(missing_ok=True)
+            with temporary.open("xb") as file:
                 np.savez(file, report=text, multipliers=stored, sha256=_digest(text, stored))
             temporary.replace(path)
             _drop_oldest(folder, path)

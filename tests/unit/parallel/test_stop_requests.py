@@ -57,7 +57,7 @@ def test_a_signal_sets_a_flag_and_a_second_one_ends_all_ranks(clock):
     """Within a second it is the same signal: batch system and launcher both pass it on."""
     codes = []
     requests = Requests()
-    requests.comm = SimpleNamespace(Abort=codes.append)
+    requests.comm = SimpleNamespace(Abort=codes.append, size=2)
     requests.hear(signal.SIGUSR1)
     clock[0] += 0.9
     requests.hear(signal.SIGTERM)

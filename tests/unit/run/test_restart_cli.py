@@ -1,6 +1,7 @@
 """Stopping and going on as a user does it: launchers, real signals, kills, time limits, `pdfem resume` and `info`."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -53,7 +54,7 @@ def long(tmp_path):
 class Started:
     """``pdfem`` with some arguments, until its load program runs or it ends."""
 
-    def __init__(self, *arguments, until="set up in", **additions):
+    def __init__(self, *arguments, until="set up in", alone=False, **additions):
         self.process = subprocess.Popen(
             [sys.executable, "-m", "pdfem_mpi", *map(str, arguments)],
             cwd=ROOT,
@@ -62,9 +63,12 @@ class Started:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
+            start_new_session=alone,
+            # tests that run in the background of a shell ignore it
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
         self.output = ""
-        for line in self.process.stdout:
+        for line in self.process.stdout if until else ():
             self.output += line
             if until in line:
                 break
@@ -72,7 +76,8 @@ class Started:
     def ranks(self):
         """Processes of the ranks, below the launcher."""
         below = psutil.Process(self.process.pid).children(recursive=True)
-        return [process for process in below if "pdfem_mpi" in " ".join(process.cmdline())]
+        ranks = [process for process in below if "pdfem_mpi" in " ".join(process.cmdline())]
+        return ranks or [psutil.Process(self.process.pid)]
 
     def end(self, timeout=60):
         """Wait; return the exit code."""
@@ -114,8 +119,62 @@ def test_signals_to_launcher_and_rank(out, deck, straight, name, to):
     assert run.end() == STOPPED, run.output
 
 
+def ctrl_c(run, to):
+    """The signal as a terminal, a person or a launcher sends it."""
+    if to == "group":
+        os.killpg(run.process.pid, signal.SIGINT)
+    for rank in {"rank": run.ranks()[-1:], "ranks": run.ranks()}.get(to, []):
+        rank.send_signal(signal.SIGINT)
+    if to == "launcher":
+        run.process.send_signal(signal.SIGINT)
+
+
+CTRL_C_SECONDS = 5.0  # what a person waits
+
+
+@pytest.mark.parametrize(
+    ("ranks", "to"),
+    [
+        (2, "group"),
+        *(
+            pytest.param(ranks, to, marks=pytest.mark.slow)
+            for ranks, to in [(1, "group"), (4, "group"), (2, "launcher"), (2, "rank"), (2, "ranks"), (4, "rank")]
+        ),
+    ],
+)
+def test_ctrl_c_stops_all_ranks_with_a_checkpoint(out, long, ranks, to):
+    """A terminal sends it to the launcher and all of its group; MPICH's launcher passes it on to the ranks."""
+    run = Started("run", long, "-n", ranks, "--out", out, alone=True)
+    time.sleep(0.2)
+    began = time.monotonic()
+    ctrl_c(run, to)
+    assert run.end() == STOPPED, run.output
+    assert time.monotonic() - began < CTRL_C_SECONDS
+    assert "stopped: asked to stop. Go on with: pdfem resume" in run.output
+    assert check(list_checkpoints(out / "checkpoints")[0][1])
+    assert not (out / "RUNNING").exists()
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["SIGUSR1", "SIGTERM"])
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGUSR1"])
+def test_a_signal_at_any_time_of_set_up_ends_all_ranks(out, deck, straight, ranks, name):
+    """From the start of Python on; the same command starts again."""
+    for number in range(10):
+        run = Started("run", deck, "-n", ranks, "--out", out, alone=True, until=None)
+        time.sleep(0.15 * number)
+        run.process.send_signal(getattr(signal, name))
+        began = time.monotonic()
+        code = run.end()
+        assert time.monotonic() - began < CTRL_C_SECONDS + 3.0  # 3 s are given to end by itself
+        assert code in (FINISHED, STOPPED) or abs(code) in (1, 11, getattr(signal, name), 128 + getattr(signal, name))
+    if code != FINISHED:
+        assert run_pdfem("run", deck, "--out", out).returncode == FINISHED
+    assert not differing(outcome(out), straight)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["SIGUSR1", "SIGTERM", "SIGINT"])
 def test_a_second_signal_ends_all_ranks_at_once(out, long, name):
     """Also while this rank waits for one that does not come: Python code of the main thread does not run then."""
     run = Started("run", long, "-n", 2, "--out", out)

@@ -87,9 +87,17 @@ def test_compile_cache_that_cannot_be_made_has_a_substitute(tmp_path, monkeypatc
     (tmp_path / "file").touch()
     (tmp_path / "tmp").mkdir()
     monkeypatch.setattr(launch.platformdirs, "user_cache_path", lambda *args, **options: tmp_path / "file")
-    monkeypatch.setattr(launch.tempfile, "gettempdir", lambda: str(tmp_path / "tmp"))
-    folder = launch.compile_cache()
-    assert folder.is_dir() and folder.is_relative_to(tmp_path / "tmp")
+    monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path / "tmp"))
+    folder, reason = launch.compile_cache()
+    assert folder.is_dir() and folder.parent == tmp_path / "tmp"
+    assert "is not a folder" in reason and "NUMBA_CACHE_DIR" in reason
+
+
+def test_no_safe_place_for_the_compile_cache_is_a_sentence(monkeypatch):
+    monkeypatch.setattr(launch, "make_private", lambda folder: "belongs to eve")
+    monkeypatch.setattr(launch, "make_fresh", lambda: None)
+    with pytest.raises(launch.LaunchError, match=r"belongs to eve.*NUMBA_CACHE_DIR"):
+        launch.prepare_environment({})
 
 
 def test_cpu_slug_is_a_plain_folder_name():

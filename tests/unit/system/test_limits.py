@@ -308,8 +308,7 @@ def test_a_small_shared_memory_is_told_before_mpi_starts(tmp_path, ranks):
 
 def test_stacks_of_a_hang_go_when_the_run_finishes(tmp_path):
     out = tmp_path / "run"
-    out.mkdir()
-    (out / "deck.toml").write_text("")
+    assert alone(often(), out) == 0
     (out / "run.r3.hang").write_text("stacks")
     assert alone(often(), out, overwrite=True) == 0
     assert not list(out.glob("*.hang"))
