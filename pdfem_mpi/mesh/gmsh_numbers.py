@@ -84,7 +84,7 @@ class TextNumbers:
     sizes = ints
 
     def rows(self, count: int, layout: str) -> tuple[np.ndarray, ...]:
-        """Rows of a layout of ``i`` (int), ``n`` (size), ``d`` (double): a table (count, k) for each run of a letter."""
+        """Rows of ``i`` (int), ``n`` (size) and ``d`` (double): a table (count, k) for each run of a letter."""
         width = len(layout)
         if not 0 <= count <= self.left // max(width, 1):
             raise Refusal(_too_short(self, count * width))

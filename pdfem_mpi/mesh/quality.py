@@ -12,7 +12,7 @@ from pdfem_mpi.scene import SceneError
 
 #: The three neighbours of each local node (VTK order), so that a cube's are a right-handed triple.
 CORNERS = np.array([(1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7), (7, 5, 0), (4, 6, 1), (5, 7, 2), (6, 4, 3)])
-#: A Gauss volume below this fraction of the cube of the longest edge is round-off of none at all.
+#: Volumes of Gauss points and lengths below this fraction of the longest edge's are round-off of nothing at all.
 FLAT = 1e-15
 #: Cells measured together.
 BATCH = 2**15
@@ -50,8 +50,8 @@ def measure(mesh: HexMesh, number: np.ndarray | None = None) -> Quality:
     Raises
     ------
     SceneError
-        Cells that are wound clockwise, turned inside out or flat: a Gauss volume is not positive. Where only a corner's
-        Jacobian is not, see `folded_cells`.
+        Cells that are wound clockwise, turned inside out or flat: a Gauss volume is not positive, or an edge has no
+        length. Where only a corner's Jacobian is not positive, see `folded_cells`.
     """
     shortest, longest, jacobian, volume = np.inf, 0.0, np.inf, np.inf
     bad, mirrored = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
@@ -63,7 +63,9 @@ def measure(mesh: HexMesh, number: np.ndarray | None = None) -> Quality:
         volumes = gauss_volumes(corners)
         clockwise = (scaled < 0.0).all(axis=1) & (volumes < 0.0).all(axis=1)
         mirrored.append(start + np.flatnonzero(clockwise))
-        flat = (volumes <= FLAT * length.max(axis=(1, 2))[:, None] ** 3).any(axis=1)
+        longest_edge = length.max(axis=(1, 2))
+        flat = (volumes <= FLAT * longest_edge[:, None] ** 3).any(axis=1)
+        flat |= length.min(axis=(1, 2)) <= FLAT * longest_edge
         bad.append(start + np.flatnonzero(flat & ~clockwise))
         shortest, longest = min(shortest, length.min()), max(longest, length.max())
         jacobian, volume = min(jacobian, scaled.min()), min(volume, volumes.min())

@@ -266,11 +266,12 @@ def _what_is_beside(raw: RawMesh) -> list[str]:
     for block in raw.blocks:
         if block.dimension < 3 and len(block.nodes):
             beside.setdefault(block.kind, []).append(block)
-    return [
-        f"left out {sum(len(block.nodes) for block in blocks)} of type {kind} ({blocks[0].called}): they carry nothing"
-        f"{', and make sets' if kind in MAKE_SETS else ''}"
-        for kind, blocks in beside.items()
-    ]
+    notes = []
+    for kind, blocks in beside.items():
+        cells = f"{sum(len(block.nodes) for block in blocks)} cells of type {kind} ({blocks[0].called})"
+        makes = f"{cells} beside the hexahedra carry nothing; sets are made of them"
+        notes.append(makes if kind in MAKE_SETS else f"left out {cells}: they carry nothing here")
+    return notes
 
 
 def _what_is_off(used: np.ndarray, losers: set[str]) -> list[str]:
