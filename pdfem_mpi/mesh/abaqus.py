@@ -15,7 +15,7 @@ import numpy as np
 from pdfem_mpi.mesh.abaqus_cards import Card, cards_of, fields_of, number_table, real_number, whole_number
 from pdfem_mpi.mesh.abaqus_sets import Elements, Nodes, Sets
 from pdfem_mpi.mesh.abaqus_surfaces import find_surfaces
-from pdfem_mpi.mesh.raw import RawMesh, Refusal, excerpt, repeated
+from pdfem_mpi.mesh.raw import RawMesh, Refusal, excerpt
 
 #: Element types by what they are here; the first that fits. Others are solids that are refused, or no type at all.
 KINDS = (
@@ -24,7 +24,7 @@ KINDS = (
     (r"(S|DS|M3D|SFM3D|R3D|CPS|CPE|CPEG|CAX|DC2D)3[A-Z]*|STRI3", "triangle"),
     (r"(T[23]D2|B[23][13]|PIPE[23]1|FRAME[23]D|R[23]D2|RB[23]D2|DC1D2)[A-Z]*", "line"),
     (r"MASS|ROTARYI|SPRING1|DASHPOT1|HEATCAP", "vertex"),
-    (r"(SPRING|DASHPOT|GAP|CONN|JOINT|ITS|MCL)[A-Z0-9]*", "spring"),
+    (r"(SPRING|DASHPOT|GAP|CONN|JOINT|ITS|MCL|DCOUP)[A-Z0-9]*", "spring"),
     (r"(S|DS|M3D|SFM3D|CPS|CPE|CPEG|CAX|DC2D|STRI)[689]5?[A-Z]*5?|(T[23]D3|B[23]2|PIPE[23]2|DC1D3)[A-Z]*", "surface"),
 )
 CORNERS = {"hexahedron": 8, "quad": 4, "triangle": 3, "line": 2, "vertex": 1}
@@ -191,16 +191,12 @@ def read_abaqus(content: bytes) -> RawMesh:
     reader = _Reader()
     for card in cards_of(content):
         reader.take(card)
-    numbers, points, lines = reader.nodes.of("part")
-    again = repeated(numbers)
-    if len(again):
-        raise Refusal(
-            f"line {lines[again[0]]}: node {numbers[again[0]]} is there already, at line "
-            f"{lines[np.flatnonzero(numbers == numbers[again[0]])[0]]}. Give each node one number."
-        )
+    numbers, points, again = reader.nodes.once()
     blocks, of_elements = reader.elements.blocks(numbers)
     raw = RawMesh(points, blocks, folded=True)
-    reader.sets.resolve(raw, reader.nodes, of_elements, reader.instance or reader.part or "")
+    if again:
+        raw.notes.append(f"{again} nodes are there twice, with the same number at the same place")
+    reader.sets.resolve(raw, numbers, of_elements, reader.instance or reader.part or "")
     find_surfaces(raw, reader.surfaces, reader.sets)
     _tell(raw, reader)
     return raw

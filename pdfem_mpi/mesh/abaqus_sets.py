@@ -31,6 +31,24 @@ class Nodes:
             return np.empty(0, np.int64), np.empty((0, 3)), np.empty(0, np.int64)
         return tuple(np.concatenate(column) for column in zip(*rows, strict=True))
 
+    def once(self) -> tuple[np.ndarray, np.ndarray, int]:
+        """Numbers and places of the part's nodes, and how many came again; refused if at another place."""
+        numbers, places, lines = self.of("part")
+        again = repeated(numbers)
+        if not len(again):
+            return numbers, places, 0
+        first, where = np.unique(numbers, return_index=True)
+        before = where[np.searchsorted(first, numbers[again])]
+        moved = np.flatnonzero((places[again] != places[before]).any(axis=1))
+        if len(moved):
+            place, earlier = again[moved[0]], before[moved[0]]
+            raise Refusal(
+                f"line {lines[place]}: node {numbers[place]} is there already, at line {lines[earlier]} and at another "
+                "place. Give each node one number."
+            )
+        kept = np.delete(np.arange(len(numbers)), again)
+        return numbers[kept], places[kept], len(again)
+
 
 @dataclass
 class Elements:
@@ -131,10 +149,10 @@ class Sets:
                     entry.others.append((inner, f"{kind} {item.decode('utf-8', 'replace')}", line))
         entry.numbers.append((of_part, np.array(some, np.int64), card))
 
-    def resolve(self, raw: RawMesh, nodes: Nodes, elements: np.ndarray, owner: str) -> None:
+    def resolve(self, raw: RawMesh, nodes: np.ndarray, elements: np.ndarray, owner: str) -> None:
         """Put all sets into the mesh under the names they were first given."""
         self.owner = owner.upper()
-        self.numbers = {"NSET": nodes.of("part")[0], "ELSET": elements}
+        self.numbers = {"NSET": nodes, "ELSET": elements}
         self.corners = raw.blocks
         gaps: dict[str, int] = {}
         for key in sorted(self.table, key=lambda key: key[0]):  # those of the assembly are what loads speak of

@@ -21,7 +21,6 @@ KINDS = {
     "supports": ("node_sets", "face_sets", "cell_sets"),
 }
 WORDS = {"cell_sets": "cells", "face_sets": "faces", "node_sets": "nodes"}
-MEMBERS = {"cell_sets": "cell", "face_sets": "face", "node_sets": "node"}
 #: Names that a message lists.
 LISTED = 12
 
@@ -59,9 +58,8 @@ def kind_of(mesh: HexMesh, name: str, purpose: str, where: str) -> str:
     if here:
         raise SceneError(
             [
-                f"{where} = {show(name)} is an empty set: the mesh file names it, and no {MEMBERS[here[0]]} of the "
-                "body is "
-                "in it. Give it members, or take the table out of the deck."
+                f"{where} = {show(name)} is an empty set: the mesh file names it, and nothing of the "
+                "body is in it. Give it members, or take the table out of the deck."
             ]
         )
     fitting = " or ".join(WORDS[kind] for kind in KINDS[purpose])

@@ -245,7 +245,7 @@ def _convert(raw: RawMesh, scale: float) -> MeshFile:
             found = [number[_members(raw, of_blocks, (k,), n)].reshape(-1) for k, n in (("line", 2), ("vertex", 1))]
             node_sets[name] = _on_body(np.concatenate(found))
     nodes = np.asarray(raw.points, np.float64)[used] * scale + 0.0  # no -0.0: it would be another content
-    notes = (*raw.notes, *_what_is_beside(raw), *_what_is_off(used, losers))
+    notes = (*raw.notes, *_what_is_beside(raw), *_what_sets_lose(raw), *_what_is_off(used, losers))
     mesh = HexMesh(nodes, number[cells].astype(np.int32), cell_sets, face_sets, node_sets, notes)
     return MeshFile(mesh, np.flatnonzero(used))
 
@@ -274,12 +274,27 @@ def _what_is_beside(raw: RawMesh) -> list[str]:
     return notes
 
 
+def _what_sets_lose(raw: RawMesh) -> list[str]:
+    """Sets with members of kinds that make no sets."""
+    names = [
+        name
+        for name, of_blocks in raw.cells.items()
+        if any(
+            len(members) and block.dimension < 3 and block.kind not in MAKE_SETS
+            for block, members in zip(raw.blocks, of_blocks, strict=True)
+        )
+    ]
+    return [f"members of these kinds are left out of the sets {_listed(names)}"] if names else []
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:LISTED]) + (f" and {len(names) - LISTED} more" if len(names) > LISTED else "")
+
+
 def _what_is_off(used: np.ndarray, losers: set[str]) -> list[str]:
     """Nodes that no hexahedron has, and the sets that lose some."""
     off = int(np.count_nonzero(~used))
     if not off:
         return []
-    names = sorted(losers)
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    of_sets = f"; the sets {', '.join(names[:LISTED])}{more} have some" if names else ""
+    of_sets = f"; the sets {_listed(sorted(losers))} have some" if losers else ""
     return [f"left out {off} nodes that no hexahedron has{of_sets}"]

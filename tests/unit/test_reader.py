@@ -316,7 +316,7 @@ def test_pieces_of_vtu_files_are_refused(tmp_path, body):
         ("*NSET, NSET=edge\n", "*NSET, NSET=edge\nother\n", 'the set edge is made of "other", which is no NSET'),
         ("*ELEMENT", "*NGEN\n1, 2\n*ELEMENT", "*NGEN, which is not read"),
         ("*ELEMENT", "*INCLUDE, INPUT=a.inp\n*ELEMENT", '*INCLUDE of "a.inp", which is not followed'),
-        ("*ELEMENT", "*NODE\n1, 0., 0., 0.\n*ELEMENT", "node 1 is there already, at line"),
+        ("*ELEMENT", "*NODE\n1, 0., 0., 0.5\n*ELEMENT", "node 1 is there already, at line"),
         ("*NODE\n", "*NODE, SYSTEM=C\n", "cylindrical or spherical coordinates"),
         ("*ELSET, ELSET=low", "*INSTANCE, PART=b\n1., 0., 0.\n*ELSET, ELSET=low", "is moved from its part's place"),
         ("*ELEMENT", "*PART, NAME=a\n*END PART\n*PART, NAME=b\n*ELEMENT", '"b" is the second part'),
