@@ -11,12 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from pdfem_mpi.mesh.hexmesh import FACES
+from pdfem_mpi.mesh.netcdf_header import check_header
 from pdfem_mpi.mesh.raw import Block, RawMesh, Refusal, excerpt
 
 #: Rows of ``FACES`` of the sides 1 to 6 of a hexahedron.
 SIDES = np.array([2, 1, 3, 0, 4, 5])
 #: Sides of a shell: 1 and 2 are the shell itself, the others its edges.
 SHELL_FACES = 2
+#: Deflation packs at most so many bytes into one.
+SMALLEST_PACKED = 1032
 #: Element types by the letters they begin with, and the nodes of those of first order.
 KINDS = (
     ("HEX", "hexahedron", 8), ("SHELL", "quad", 4), ("QUAD", "quad", 4), ("TRISHELL", "triangle", 3),
@@ -39,10 +42,13 @@ def read_exodus(path: Path) -> RawMesh:
     """
     import netCDF4
 
+    content = path.read_bytes()
+    if content[:3] == b"CDF":
+        check_header(content)
     try:
         with netCDF4.Dataset(str(path)) as file:
             file.set_auto_mask(False)
-            return _File(file).read()
+            return _File(file, len(content)).read()
     except (OSError, RuntimeError, UnicodeDecodeError) as error:  # what the library meets in a damaged file
         reason = excerpt(getattr(error, "strerror", None) or str(error))
         raise Refusal(f"netCDF cannot read it: {reason}. It was cut off or changed: write the mesh again.") from None
@@ -51,8 +57,9 @@ def read_exodus(path: Path) -> RawMesh:
 class _File:
     """An open file, with a refusal for each way in which it may not hold what it declares."""
 
-    def __init__(self, file) -> None:
+    def __init__(self, file, n_bytes: int) -> None:
         self.file = file
+        self.most = n_bytes * (SMALLEST_PACKED if file.data_model.startswith("NETCDF4") else 1)
         self.variables = file.variables
 
     def size(self, name: str) -> int:
@@ -68,6 +75,12 @@ class _File:
             raise Refusal(
                 f"the variable {name} has the shape {variable.shape}, and the file declares {shape}. Write the mesh "
                 "again."
+            )
+        if variable.size * variable.dtype.itemsize > self.most:
+            raise Refusal(
+                f"the variable {name} declares {variable.size} values, more than the file can hold. It was cut off, or "
+                "a "
+                "count is wrong: write the mesh again."
             )
         return np.asarray(variable[:])
 

@@ -191,10 +191,11 @@ def _first_places(points: np.ndarray, blocks: list[Block]) -> str:
     first: dict[str, Block] = {}
     for block in blocks:
         first.setdefault(block.kind, block)
-    return ", ".join(
-        f"a {name}{f' at {_place(points[block.nodes[0]].mean(axis=0))}' * bool(block.nodes.size)} ({block.called})"
-        for name, block in sorted(first.items())
-    )
+    places = []
+    for name, block in sorted(first.items()):
+        at = f" at {_place(points[block.nodes[0]].mean(axis=0))}" if block.nodes.size else ""
+        places.append(f"a {name}{at} ({block.called})")
+    return ", ".join(places)
 
 
 def _no_hexahedra(raw: RawMesh, kind: str) -> str:
@@ -235,10 +236,7 @@ def _convert(raw: RawMesh, scale: float) -> MeshFile:
     for name, of_blocks in raw.cells.items():
         kinds = {block.kind for block, members in zip(raw.blocks, of_blocks, strict=True) if len(members)}
         if "hexahedron" in kinds or not kinds.intersection(MAKE_SETS):  # a set without members is one all the same
-            cell_sets[name] = np.concatenate(
-                [np.empty(0, np.int64), *(start[j] + of_blocks[k] for j, k in enumerate(solid))]
-            )
-            cell_sets[name] = np.unique(cell_sets[name])
+            cell_sets[name] = np.unique(np.concatenate([start[j] + of_blocks[k] for j, k in enumerate(solid)]))
         if "quad" in kinds and name not in face_sets:
             face_sets[name] = number[_members(raw, of_blocks, ("quad",), 4)].astype(np.int32)
         if kinds.intersection(("line", "vertex")) and name not in node_sets:
@@ -248,10 +246,6 @@ def _convert(raw: RawMesh, scale: float) -> MeshFile:
     notes = (*raw.notes, *_what_is_beside(raw), *_what_sets_lose(raw), *_what_is_off(used, losers))
     mesh = HexMesh(nodes, number[cells].astype(np.int32), cell_sets, face_sets, node_sets, notes)
     return MeshFile(mesh, np.flatnonzero(used))
-
-
-def _on_body(numbers: np.ndarray) -> np.ndarray:
-    return np.unique(numbers[numbers >= 0])
 
 
 def _members(raw: RawMesh, of_blocks: list[np.ndarray], kinds: tuple[str, ...], width: int) -> np.ndarray:
@@ -285,6 +279,10 @@ def _what_sets_lose(raw: RawMesh) -> list[str]:
         )
     ]
     return [f"members of these kinds are left out of the sets {_listed(names)}"] if names else []
+
+
+def _on_body(numbers: np.ndarray) -> np.ndarray:
+    return np.unique(numbers[numbers >= 0])
 
 
 def _listed(names: list[str]) -> str:

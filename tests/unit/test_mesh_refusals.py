@@ -87,7 +87,8 @@ BAD = {
         "the piece has NumberOfPoints",
     ),
     "a picture": (".vtu", '<VTKFile type="ImageData"></VTKFile>', 'it is a VTK file of "ImageData"'),
-    "rubbish of netCDF": (".e", "CDF\x01\x00\x00 nothing else", "netCDF cannot read it"),
+    "false count in a header": (".g", "CDF\x02\0\0\0\0\0\0\0\x0a\x64\0\0\0", "declares 1677721600 things, more than"),
+    "rubbish of netCDF": (".e", "CDF\x01\x00\x00 nothing else", "cut off"),
 }
 
 
