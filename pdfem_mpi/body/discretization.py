@@ -36,7 +36,7 @@ from pdfem_mpi.mesh.defects import face_problems, find_defects, mirror_problems
 from pdfem_mpi.mesh.faces import match_faces
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors, mirrors_at
-from pdfem_mpi.mesh.quality import Quality, measure
+from pdfem_mpi.mesh.quality import Quality, folded_cells, measure
 from pdfem_mpi.mesh.reader import read_mesh
 
 #: A spacing of a deck may lie outside of the edges of the file's cells by this fraction.
@@ -155,6 +155,15 @@ class Discretization:
         return self.mirrors.reflections(body, body + np.array([[-reach], [reach]]))
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the mesh: what the reader left out, and cells that elements just live on."""
+        if self.quality.smallest_scaled_jacobian > 0.0:
+            return self.mesh.notes
+        folded = np.zeros(len(self.mesh.cells), bool)
+        folded[folded_cells(self.mesh)] = True
+        return (*self.mesh.notes, f"warning: {_describe_folded(self.mesh, folded)}: results near them are poor.")
+
+    @property
     def has_nodes(self) -> np.ndarray:
         """Cells with nodes that carry unknowns: elements and overlap; bool, shape (n_cells,)."""
         return self.has_stiffness | self.is_overlap
@@ -242,6 +251,7 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         is_overlap = _find_overlap(scene, mesh, peridynamic)
         body = np.where(peridynamic | is_overlap, 0, -1).astype(np.int32)
     has_points = body >= 0
+    _check_folded(mesh, quality, has_points)
     cannot_bond = materials.poissons_ratio != PERIDYNAMIC_POISSONS_RATIO
     _check_overlap_materials(scene, mesh, region, is_overlap & cannot_bond[material])
     keeps_both = scene.coupling.kind == "paper_a"
@@ -348,6 +358,31 @@ def _inside(mesh: HexMesh, entry: Region) -> np.ndarray:
         offset = (mesh.centroids - np.array(entry.centre))[:, across]
         inside &= np.sqrt((offset**2).sum(axis=1)) <= entry.radius + mesh.tolerance
     return inside
+
+
+def _describe_folded(mesh: HexMesh, folded: np.ndarray) -> str:
+    return (
+        f"mesh has {np.count_nonzero(folded)} cells that are folded at a corner (its Jacobian is not positive, those "
+        "of the "
+        f"Gauss points are), the first {_places(mesh, folded)}"
+    )
+
+
+def _check_folded(mesh: HexMesh, quality: Quality, has_points: np.ndarray) -> None:
+    """Refuse bonds in cells that are folded at a corner; elements take them."""
+    if quality.smallest_scaled_jacobian > 0.0:
+        return
+    folded = np.zeros(len(mesh.cells), bool)
+    folded[folded_cells(mesh)] = True
+    folded &= has_points
+    if folded.any():
+        raise SceneError(
+            [
+                f"{_describe_folded(mesh, folded)}, in peridynamics or the overlap, where points would have bonds. "
+                "Correct "
+                "the places of their nodes, or give them to finite elements."
+            ]
+        )
 
 
 def _check_overlap_materials(scene: Scene, mesh: HexMesh, region: np.ndarray, wrong: np.ndarray) -> None:

@@ -32,7 +32,7 @@ MOST_REGIONS = 255  # classes of bonds are stored in one byte a cluster
 MOST_CORNERS, FEW_CORNERS = 1000, 64  # of a crack: each bond near it is compared with all; all pairs are looked at
 MOST_HINTS = 50  # findings of one kind that get a hint of what may have been meant: more would take minutes
 CUTOFF_RATIO = 2.5  # r_c / l of the paper (sec. 4.1, appendix B)
-MESH_SUFFIXES = (".msh", ".inp", ".vtu", ".exo", ".e")  # Gmsh, Abaqus, VTK, Exodus II
+MESH_SUFFIXES = (".msh", ".inp", ".vtu", ".vtk", ".exo", ".e", ".ex2", ".g", ".gen")  # Gmsh, Abaqus, VTK, Exodus II
 DEFAULT_MATERIAL = "default"  # what regions and interfaces call the table [material]
 MOST_CONTRAST = 1e5  # of Young's moduli: at 1e6 residuals of elements stop at 2e-6, above the tolerance in use
 PERIDYNAMIC_POISSONS_RATIO = 0.25  # central bond forces in an isotropic solid admit no other value
@@ -278,11 +278,15 @@ class FileMesh(_Modelled):
     Attributes
     ----------
     path : str
-        A .msh (Gmsh), .inp (Abaqus), .vtu (VTK), .exo or .e (Exodus II) file, relative to the deck's folder.
+        A .msh (Gmsh), .inp (Abaqus), .vtu or .vtk (VTK), .exo, .e, .ex2, .g or .gen (Exodus II) file, relative to the
+        deck's folder.
     spacing : float or None, > 0, dimension length
         What the defaults of [peridynamics] are made of. None (default): the mean edge of the cells.
     scale : float, > 0, dimension 1
         Multiplies the file's coordinates, to have them in the deck's unit of length.
+    merge : float or None, > 0, dimension length
+        Nodes nearer to each other than this are made one; at most a tenth of the shortest edge. None (default): nodes
+        at one place are refused.
     symmetry : faces "x-", "x+", "y-", "y+", "z-", "z+"
         Faces of the mesh's bounding box that are mirror planes; the mesh is then the part of the body between them.
     """
@@ -291,6 +295,7 @@ class FileMesh(_Modelled):
     path: str = key(min_length=1, remedy='Give the file, relative to the deck, for example "meshes/plate.msh".')
     spacing: float | None = key(None, gt=0, dimension="length")
     scale: float = key(1.0, gt=0, dimension="1")
+    merge: float | None = key(None, gt=0, dimension="length")
 
     def problems(self) -> list[Problem]:
         """A suffix that tells the format."""

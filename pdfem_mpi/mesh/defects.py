@@ -138,8 +138,8 @@ def _joints(mesh: HexMesh, node_number: np.ndarray) -> list[str]:
         first = np.unique(pairs.min(axis=1))
         messages.append(
             f"mesh has {len(first)} nodes with another node at the same place (within {mesh.tolerance:.2g}), the first "
-            f"{_nodes(mesh, node_number, first)}. Merge them, in Gmsh by geometry.removeAllDuplicates() or Coherence "
-            "Mesh; cracks are cut by [[cracks]]."
+            f"{_nodes(mesh, node_number, first)}. Merge them by mesh.merge = LENGTH in the deck, or in Gmsh by "
+            "geometry.removeAllDuplicates() or Coherence Mesh; cracks are cut by [[cracks]]."
         )
     hanging = _hanging_nodes(mesh)
     if len(hanging):

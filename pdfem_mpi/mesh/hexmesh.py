@@ -28,6 +28,8 @@ class HexMesh:
     cell_sets, face_sets, node_sets : dict from name
         Named sets of a mesh file: numbers of cells, int64 (n,); nodes of faces, int32 (n, 4), -1 for nodes of no
         cell; numbers of nodes, int64 (n,).
+    notes : tuple of str
+        What the reader of a file left out by intention, or did; no part of the content.
     """
 
     nodes: np.ndarray
@@ -35,6 +37,7 @@ class HexMesh:
     cell_sets: Mapping[str, np.ndarray] = field(default_factory=dict)
     face_sets: Mapping[str, np.ndarray] = field(default_factory=dict)
     node_sets: Mapping[str, np.ndarray] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def sha256(self) -> str:
         """Identity of the content: the same nodes, cells and named sets in the same order have the same digest."""

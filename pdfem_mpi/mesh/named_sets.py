@@ -38,11 +38,30 @@ def kind_of(mesh: HexMesh, name: str, purpose: str, where: str) -> str:
     Raises
     ------
     SceneError
-        No such set, or none that can serve.
+        No such set, none that can serve, one without members, or two of them that mean different nodes.
     """
-    for kind in KINDS[purpose]:
-        if name in getattr(mesh, kind):
-            return kind
+    here = [kind for kind in KINDS[purpose] if name in getattr(mesh, kind)]
+    filled = [kind for kind in here if (getattr(mesh, kind)[name] >= 0).any()]
+    if purpose == "supports" and {"node_sets", "face_sets"} <= set(filled):
+        held = [nodes(mesh, name, kind) for kind in ("node_sets", "face_sets")]
+        if (held[0] != held[1]).any():
+            counts = [np.count_nonzero(chosen) for chosen in held]
+            raise SceneError(
+                [
+                    f"{where} = {show(name)} is a set of {counts[0]} nodes and one of faces with {counts[1]} nodes, "
+                    "which "
+                    "are not the same. Give the two sets two names in the mesh file."
+                ]
+            )
+    if filled:
+        return filled[0]
+    if here:
+        raise SceneError(
+            [
+                f"{where} = {show(name)} is an empty set: the mesh file names it, and nothing of the "
+                "body is in it. Give it members, or take the table out of the deck."
+            ]
+        )
     fitting = " or ".join(WORDS[kind] for kind in KINDS[purpose])
     others = [WORDS[kind] for kind in WORDS if name in getattr(mesh, kind)]
     if others:
@@ -108,7 +127,7 @@ def nodes(mesh: HexMesh, name: str, kind: str) -> np.ndarray:
     """Nodes of a set of any kind; bool, shape (n_nodes,)."""
     chosen = np.zeros(len(mesh.nodes), bool)
     members = getattr(mesh, kind)[name]
-    chosen[mesh.cells[members] if kind == "cell_sets" else members] = True
+    chosen[mesh.cells[members] if kind == "cell_sets" else members[members >= 0]] = True
     return chosen
 
 

@@ -12,6 +12,8 @@ from pdfem_mpi.mesh.hexmesh import HexMesh
 
 #: The three neighbours of each local node (VTK order), so that a cube's are a right-handed triple.
 CORNERS = np.array([(1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7), (7, 5, 0), (4, 6, 1), (5, 7, 2), (6, 4, 3)])
+#: Volumes of Gauss points and lengths below this fraction of the longest edge's are round-off of nothing at all.
+FLAT = 1e-15
 #: Cells measured together.
 BATCH = 2**15
 #: Bad cells that a message lists.
@@ -48,8 +50,8 @@ def measure(mesh: HexMesh, number: np.ndarray | None = None) -> Quality:
     Raises
     ------
     SceneError
-        Cells that are wound clockwise, turned inside out or flat: a corner's Jacobian or a Gauss volume is not
-        positive.
+        Cells that are wound clockwise, turned inside out or flat: a Gauss volume is not positive, or an edge has no
+        length. Where only a corner's Jacobian is not positive, see `folded_cells`.
     """
     shortest, longest, jacobian, volume = np.inf, 0.0, np.inf, np.inf
     bad, mirrored = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
@@ -57,13 +59,14 @@ def measure(mesh: HexMesh, number: np.ndarray | None = None) -> Quality:
         corners = mesh.nodes[mesh.cells[start : start + BATCH]]
         edges = corners[:, CORNERS] - corners[:, :, None]
         length = np.sqrt((edges**2).sum(axis=-1))
-        triple = (np.cross(edges[:, :, 0], edges[:, :, 1]) * edges[:, :, 2]).sum(axis=-1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            scaled = np.nan_to_num(triple / length.prod(axis=-1), nan=0.0)
+        scaled = _scaled_jacobians(edges, length)
         volumes = gauss_volumes(corners)
         clockwise = (scaled < 0.0).all(axis=1) & (volumes < 0.0).all(axis=1)
         mirrored.append(start + np.flatnonzero(clockwise))
-        bad.append(start + np.flatnonzero(((scaled <= 0.0) | (volumes <= 0.0)).any(axis=1) & ~clockwise))
+        longest_edge = length.max(axis=(1, 2))
+        flat = (volumes <= FLAT * longest_edge[:, None] ** 3).any(axis=1)
+        flat |= length.min(axis=(1, 2)) <= FLAT * longest_edge
+        bad.append(start + np.flatnonzero(flat & ~clockwise))
         shortest, longest = min(shortest, length.min()), max(longest, length.max())
         jacobian, volume = min(jacobian, scaled.min()), min(volume, volumes.min())
     messages = []
@@ -75,7 +78,7 @@ def measure(mesh: HexMesh, number: np.ndarray | None = None) -> Quality:
         ),
         (
             np.concatenate(bad),
-            "flat or inside out (a Jacobian that is not positive)",
+            "flat or inside out (the Jacobian of a Gauss point is not positive)",
             "Use another spacing, or correct the order of their nodes.",
         ),
     ):
@@ -90,3 +93,25 @@ def measure(mesh: HexMesh, number: np.ndarray | None = None) -> Quality:
     if messages:
         raise SceneError(messages)
     return Quality(float(shortest), float(longest), float(jacobian), float(volume))
+
+
+def folded_cells(mesh: HexMesh) -> np.ndarray:
+    """Cells with a corner whose Jacobian is not positive; int64, ascending.
+
+    Where the Jacobians of their Gauss points are positive all the same, as `measure` demands, finite elements live on
+    them: the integral knows nothing of the corner.
+    """
+    found = [np.empty(0, np.int64)]
+    for start in range(0, len(mesh.cells), BATCH):
+        corners = mesh.nodes[mesh.cells[start : start + BATCH]]
+        edges = corners[:, CORNERS] - corners[:, :, None]
+        scaled = _scaled_jacobians(edges, np.sqrt((edges**2).sum(axis=-1)))
+        found.append(start + np.flatnonzero((scaled <= 0.0).any(axis=1)))
+    return np.concatenate(found)
+
+
+def _scaled_jacobians(edges: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Volume of the three edges at each corner over the product of their lengths, (n, 8); 0 where an edge has none."""
+    triple = (np.cross(edges[:, :, 0], edges[:, :, 1]) * edges[:, :, 2]).sum(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.nan_to_num(triple / length.prod(axis=-1), nan=0.0)

