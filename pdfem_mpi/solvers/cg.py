@@ -79,7 +79,7 @@ def solve(
         On all ranks alike.
     """
     u, comm = state.u, forces.model.comm
-    finite = bool(forces.model.bonds and forces.model.bonds.finite)
+    finite = forces.model.finite
     if finite:
         tangent = Forces(forces.model, tangent=True, seconds=forces.seconds, swept=forces.swept)
     else:

@@ -122,7 +122,7 @@ class _Events:
         self.settings, self.solve, self.failure, self.state, self.case = settings, solve, failure, state, case
         self.whole = case
         self.forces, self.model = solve.forces, solve.forces.model
-        self.finite = self.model.bonds.finite
+        self.finite = self.model.finite
         self.tangent = self.forces
         if self.finite:
             bounds = self.forces.bounds.part("tangent")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from pdfem_mpi.element_strains import measure_elements
 from pdfem_mpi.failure import Failure
 from pdfem_mpi.loading import LoadCase
 from pdfem_mpi.scene import Events, Ramp, Scene
-from pdfem_mpi.solvers.convergence import Progress
+from pdfem_mpi.solvers.convergence import NotConverged, Progress
 from pdfem_mpi.state import State
 from pdfem_mpi.stepping.events import follow_events
 from pdfem_mpi.stepping.ramp import follow_ramp
@@ -44,8 +45,15 @@ def follow_load_program(
     NotConverged, NotFinite, Stopped
     """
     stepping = scene.stepping
+    follow = follow_steps
     if isinstance(stepping, Ramp):
-        return follow_ramp(stepping, solve, failure, state, case, watch)
-    if isinstance(stepping, Events):
-        return follow_events(stepping, solve, failure, state, case, watch)
-    return follow_steps(stepping, solve, failure, state, case, watch)
+        follow = follow_ramp
+    elif isinstance(stepping, Events):
+        follow = follow_events
+    try:
+        yield from follow(stepping, solve, failure, state, case, watch)
+    except NotConverged as error:
+        elements = measure_elements(solve.forces.model, state.u)
+        if elements is None or not elements.refusal or elements.refusal in str(error):
+            raise
+        raise NotConverged(f"{error} By then {elements.refusal}") from error

@@ -26,7 +26,7 @@ LEVELS = (
     ("failure", "components"),
     ("loading", "forces", "results"),
     ("state", "fields"),
-    ("probes", "tables", "element_rotations"),
+    ("probes", "tables", "element_strains"),
     ("solvers",),
     ("stepping",),
     ("restart",),

@@ -6,6 +6,7 @@ import pytest
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_positions
 from pdfem_mpi.kernels.finite_elements import element_stiffness
 from pdfem_mpi.model import cluster_layout, point_rows
+from verification import total_lagrangian
 from verification.bodies import build, make_scene
 
 # Stored numbers of bonds are in single precision, 2**-24 each; a point's force is the small difference of large ones
@@ -47,7 +48,10 @@ def bond_forces(x, w, u, kinematics):
 
 
 def expected_forces(body, u, kinematics):
-    """All internal forces of a model on one rank, eqs 2-4, 14-16, 25 and 26, in model units."""
+    """All internal forces of a model on one rank, eqs 2-4, 14-16, 25 and 26, in model units.
+
+    Lame's moduli of E = 1 and nu = 1/4 are both 0.4.
+    """
     model, discretization = body.model, body.discretization
     n = model.n_point_unknowns
     mesh, nodes = discretization.mesh, discretization.nodes
@@ -56,7 +60,10 @@ def expected_forces(body, u, kinematics):
     for cell in np.flatnonzero(discretization.has_stiffness):
         corners = mesh.cells[cell]
         stiffness = element_stiffness(nodes[corners][None], np.ones(1), 0.25)[0]
-        on_nodes[corners] -= (stiffness @ u_nodes[corners].ravel()).reshape(8, 3)
+        force = (stiffness @ u_nodes[corners].ravel()).reshape(8, 3)
+        if kinematics == "finite":
+            force = total_lagrangian.element(nodes[corners], u_nodes[corners], 0.4, 0.4).force
+        on_nodes[corners] -= force
     on_points = np.empty(0)
     if model.points:
         share = model.subdomain
