@@ -176,10 +176,10 @@ def test_every_evaluation_is_counted():
 
 
 @pytest.mark.parametrize("largest_e", [0.0, 1.0], ids=["series", "closed form"])
-@pytest.mark.parametrize("name", ["peridynamics", "reading B"])
+@pytest.mark.parametrize("name", SCENES)
 def test_tangent_is_the_derivative_of_the_finite_forces(name, largest_e):
-    """Central differences of the finite forces against the tangent sweep, at strains of several per cent and, for
-    the series, a fifth of that."""
+    """Central differences of the finite forces of bonds and elements against the tangent sweep, at strains of several
+    per cent and, for the series, a fifth of that."""
     body = body_of(name, "finite")
     gradient = np.array([[0.06, 0.02, 0.0], [0.0, -0.03, 0.04], [0.01, 0.0, -0.05]]) * (1.0 if largest_e else 0.2)
     u = body.of_positions(lambda x: x @ gradient)

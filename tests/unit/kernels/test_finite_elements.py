@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from skfem import Basis, BilinearForm, ElementHex1, ElementVector, MeshHex
 from skfem.helpers import ddot, eye, sym_grad, trace
+from unit.kernels.bodies_of_elements import box
 
 from pdfem_mpi import hex8
 from pdfem_mpi.kernels import finite_elements as fe
@@ -11,17 +12,6 @@ from pdfem_mpi.kernels import finite_elements as fe
 QUANTUM = 2.0**-50
 YOUNG, NU = 2.5, 0.3
 ROUND_OFF = 1e-13  # of the largest entry: sums of some hundred terms
-
-
-def box(nx=3, ny=2, nz=2, jitter=0.0):
-    """Nodes and cells of a box of unit cubes; nodes moved by up to ``jitter``, multiples of 2^-20."""
-    shape = (nz + 1, ny + 1, nx + 1)
-    k, j, i = np.indices(shape)
-    x = np.stack([i, j, k], axis=-1).reshape(-1, 3).astype(float)
-    x += np.round(np.random.default_rng(3).uniform(-jitter, jitter, x.shape) * 2**20) / 2**20
-    first = np.arange(x.shape[0]).reshape(shape)[:-1, :-1, :-1].ravel()
-    r, s, t = ((hex8.REFERENCE_NODES + 1) // 2).astype(int).T
-    return x, (first[:, None] + r + (nx + 1) * (s + (ny + 1) * t)).astype(np.int32)
 
 
 def displacements(x):
