@@ -23,6 +23,7 @@ from pdfem_mpi.kernels.finite_elements import (
     gradient_tables,
     lame_moduli,
     stiffness_of_moduli,
+    turning_masses,
 )
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mirrors import Mirrors
@@ -469,7 +470,8 @@ def _masses(comm, points, bonds, nodes, elements, overlap) -> np.ndarray:
     if nodes:
         contributions = []
         if elements:
-            contributions += elements.per_node(lambda stiffness: element_masses(stiffness).reshape(-1, 8, 3))
+            masses = turning_masses if elements.finite else element_masses
+            contributions += elements.per_node(lambda stiffness: masses(stiffness).reshape(-1, 8, 3))
         if overlap:
             density = densities.reshape(-1, 8)[points.n_free : points.n_owned]
             lumped = np.zeros((len(density), 8))

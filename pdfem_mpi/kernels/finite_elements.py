@@ -86,6 +86,23 @@ def element_masses(stiffness: np.ndarray) -> np.ndarray:
     return 0.25 * _row_sums(stiffness)
 
 
+def turning_masses(stiffness: np.ndarray) -> np.ndarray:
+    """Masses of elements that turn: of (22), the largest of a node's three, for all of its directions.
+
+    An element's stiffness is at most 4 times its masses (22). Where these are alike in all directions, they stay so
+    while it turns, and so does the bound; masses of elongated elements are not.
+
+    Parameters
+    ----------
+    stiffness : float64, shape (n, 24, 24), dimension force / length
+
+    Returns
+    -------
+    float64, shape (n, 24), dimension force / length
+    """
+    return np.repeat(element_masses(stiffness).reshape(-1, 8, 3).max(axis=2), 3, axis=1)
+
+
 def force_bound(stiffness: np.ndarray) -> float:
     """Bound b of the rounded force components of both kernels: ``|f| <= b * largest``.
 

@@ -335,7 +335,8 @@ class Sequence:
                 reason = f"the {what} is not positive definite along a search direction: the body is unstable."
                 if gamma > 0.0 and not forces.tangent:  # whatever the load: relaxation would fare no better
                     raise NotConverged(f"{reason}{self._remedy()}")
-                raise Breakdown(reason)
+                np.add(self.z, beta * self.p, out=self.x)
+                raise Breakdown(f"{reason} Along it {describe_motion(forces.model, self.x)}.")
             alpha = gamma / curvature
             self.coefficients.add(alpha, beta, gamma)
             digits = np.zeros(SIZE, np.int64)

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from pdfem_mpi.components import NAMED
+from pdfem_mpi.components import NAMED, describe_motion
 from pdfem_mpi.failure import Failure
 from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.kernels.simd import W
@@ -130,7 +130,7 @@ class _Events:
             self.tangent = Forces(self.model, bounds, tangent=True, seconds=own.seconds, swept=own.swept)
         self.watch = lambda progress: watch(state.step + 1, progress)
         self.reporter = Reporter(self.forces, case, failure)
-        self.residual, self.step = np.empty_like(state.u), np.empty_like(state.u)
+        self.residual, self.step = np.empty_like(state.u), np.zeros_like(state.u)
         self.counted = self._evaluations()
         self.loose: frozenset[str] = frozenset()
         if state.program.get("fragments"):
@@ -362,8 +362,8 @@ class _Events:
                 return
             raise NotConverged(
                 f"after {self.failure.count:,} broken bonds the relative residual stagnates at {relative:.3g}, above "
-                f"stepping.arrest_tolerance = {goal:.3g}: some part may have come loose under a load. "
-                f"{self._last_breaks()}"
+                f"stepping.arrest_tolerance = {goal:.3g}: some part may have come loose under a load. Still moving: "
+                f"{describe_motion(self.model, self.step)}. {self._last_breaks()}"
             )
 
     def _scale(self, load_factor: float) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 from pdfem_mpi.element_strains import measure_elements
 from pdfem_mpi.failure import Failure
+from pdfem_mpi.forces import NotFinite
 from pdfem_mpi.loading import LoadCase
 from pdfem_mpi.scene import Events, Ramp, Scene
 from pdfem_mpi.solvers.convergence import NotConverged, Progress
@@ -52,8 +53,8 @@ def follow_load_program(
         follow = follow_events
     try:
         yield from follow(stepping, solve, failure, state, case, watch)
-    except NotConverged as error:
+    except (NotConverged, NotFinite) as error:
         elements = measure_elements(solve.forces.model, state.u)
         if elements is None or not elements.refusal or elements.refusal in str(error):
             raise
-        raise NotConverged(f"{error} By then {elements.refusal}") from error
+        raise type(error)(f"{error} By then {elements.refusal}") from error

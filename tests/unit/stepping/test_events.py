@@ -280,6 +280,17 @@ def test_bracket_does_not_trust_a_loose_state():
     assert state.load_factor == pytest.approx(found, rel=BRACKETED)
 
 
+def test_a_part_that_stays_out_of_equilibrium_is_told_with_its_place():
+    """The sentence names what moved at last."""
+    run = followed(strip(kinematics="finite"), 1)
+    state = run.body.state
+    books = events._Events(run.body.scene.stepping, run.solve, run.failure, state, run.body.case, lambda *told: None)
+    state.program["relative"] = 211.0
+    books.step[:] = state.u
+    with pytest.raises(NotConverged, match=r"stagnates at 211, .* Still moving: \d+ points from \(.*\) to \(.*\) move"):
+        books._refuse_stagnation(211.0)
+
+
 # --- going on
 
 
