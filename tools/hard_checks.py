@@ -29,7 +29,7 @@ STRAIN = 1e-2
 
 
 def rotation(scene: Scene, comm, degrees: float) -> dict[str, float]:
-    """Rotate a body of bonds about z and look at its forces and its bonds. Collective.
+    """Rotate a body, elements included, about z and look at its forces and its bonds. Collective.
 
     Returns
     -------
@@ -40,19 +40,25 @@ def rotation(scene: Scene, comm, degrees: float) -> dict[str, float]:
     model = build_model(scene, discretization, comm)
     state = new_state(model)
     forces, failure = Forces(model, state.bounds), make_failure(scene, discretization, model)
-    x = point_rows(model.points.x[: model.n_point_unknowns])
+    n = model.n_point_unknowns
+    x = point_rows(model.points.x[:n])
+    if model.nodes:
+        x = np.concatenate([x, model.nodes.x[: model.nodes.n_owned]])
     c, s = round(math.cos(math.radians(degrees)), 15), round(math.sin(math.radians(degrees)), 15)
     c, s = c / math.hypot(c, s), s / math.hypot(c, s)
     turned = np.stack([c * x[:, 0] - s * x[:, 1], s * x[:, 0] + c * x[:, 1], x[:, 2]], axis=1) - x
     strained = np.stack([STRAIN * x[:, 0], 0.0 * x[:, 1], 0.0 * x[:, 2]], axis=1)
     nothing, force = np.zeros(model.n_unknowns), np.empty(model.n_unknowns)
 
+    def unknowns(rows):
+        return np.concatenate([cluster_layout(rows[: n // 3]), rows[n // 3 :].reshape(-1)])
+
     def size(u, breaking=None):
         forces.evaluate_surely(np.ascontiguousarray(u), nothing, force, breaking)
         return math.sqrt(exact_dots(comm, [(force, force)])[0])
 
-    of_strain = size(cluster_layout(strained))
-    state.u[:] = cluster_layout(turned)
+    of_strain = size(unknowns(strained))
+    state.u[:] = unknowns(turned)
     size(state.u)  # bounds that suit the rotation
     found = size(state.u, failure)
     broken = failure.close(model)
