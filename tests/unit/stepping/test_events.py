@@ -248,7 +248,9 @@ def test_energy_control_relaxes_until_it_is_enough(monkeypatch):
 
 
 @pytest.mark.parametrize("control", ["load", "energy"])
-@pytest.mark.parametrize("options", [{}, {"loads": DEAD, "supports": ()}], ids=["pulled", "dead"])
+@pytest.mark.parametrize(
+    "options", [{}, {"loads": DEAD, "supports": ()}, {"elements": 2}], ids=["pulled", "dead", "elements"]
+)
 def test_finite_kinematics_brackets_the_load(options, control):
     """The first break is that of linear kinematics but for the strain, its stretch critical within the bracket."""
     linear = followed(strip(**options), 1).rows[0]
