@@ -19,7 +19,7 @@ from pdfem_mpi.measure.fields import fields_sha256, gather_fields
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.model import build_model
 from pdfem_mpi.model.state import new_state
-from pdfem_mpi.model.unknowns import cluster_layout, point_rows
+from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import make_failure
@@ -30,7 +30,7 @@ STRAIN = 1e-2
 
 
 def rotation(scene: Scene, comm, degrees: float) -> dict[str, float]:
-    """Rotate a body of bonds about z and look at its forces and its bonds. Collective.
+    """Rotate a body, elements included, about z and look at its forces and its bonds. Collective.
 
     Returns
     -------
@@ -41,7 +41,9 @@ def rotation(scene: Scene, comm, degrees: float) -> dict[str, float]:
     model = build_model(scene, discretization, comm)
     state = new_state(model)
     forces, failure = Forces(model, state.bounds), make_failure(scene, discretization, model)
-    x = point_rows(model.points.x[: 3 * model.unknowns.n_points])
+    x = point_rows(model.unknowns.of_points(model.points.x))
+    if model.nodes:
+        x = np.concatenate([x, model.nodes.x[: model.nodes.n_owned]])
     c, s = round(math.cos(math.radians(degrees)), 15), round(math.sin(math.radians(degrees)), 15)
     c, s = c / math.hypot(c, s), s / math.hypot(c, s)
     turned = np.stack([c * x[:, 0] - s * x[:, 1], s * x[:, 0] + c * x[:, 1], x[:, 2]], axis=1) - x
@@ -52,8 +54,8 @@ def rotation(scene: Scene, comm, degrees: float) -> dict[str, float]:
         forces.evaluate_surely(np.ascontiguousarray(u), nothing, force, breaking)
         return math.sqrt(exact_dots(comm, [(force, force)])[0])
 
-    of_strain = size(cluster_layout(strained))
-    state.u[:] = cluster_layout(turned)
+    of_strain = size(model.unknowns.join(strained))
+    state.u[:] = model.unknowns.join(turned)
     size(state.u)  # bounds that suit the rotation
     found = size(state.u, failure)
     broken = failure.close(model)

@@ -452,12 +452,18 @@ EQUATIONS = (
     EquationRow(
         "15",
         "element forces",
-        ("kernels/finite_elements.py:element_stiffness", "kernels/finite_elements.py:add_general_forces"),
+        (
+            "kernels/finite_elements.py:element_stiffness",
+            "kernels/finite_elements.py:add_general_forces",
+            "kernels/turning_elements.py:add_forces",
+        ),
         (
             "verification/test_section_3_1_elements.py::test_internal_forces_equal_those_of_scikit_fem",
             f"{ELEMENT_KERNELS}::test_stiffness_equals_scikit_fem",
+            "verification/test_section_3_1_finite_kinematics.py::test_moments_balance_where_elements_turn",
         ),
-        "trilinear, 2x2x2 Gauss points, without SOLID45's extra shapes",
+        "trilinear, 2x2x2 Gauss points, without SOLID45's extra shapes; linear as printed in linear kinematics and for "
+        "elements alone, total Lagrangian where bonds are finite (docs/solvers.md)",
     ),
     EquationRow(
         "16",

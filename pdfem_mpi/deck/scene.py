@@ -514,8 +514,9 @@ class Peridynamics(Table):
     signs : "free" or "bounded"
         Of fitted factors: any, which is one linear solve, or positive only, which costs two to four times as much and
         is the one to choose where bonds may break.
-    kinematics : "linear" or "finite"
-        Stretch linear in the displacement, or the paper's.
+    kinematics : "linear", "finite" or None
+        Stretch linear in the displacement, or the paper's. Finite elements follow: in "finite" they turn and strain as
+        the bonds do. None (default): "finite" where there are bonds; a body of elements alone is linear (eq. 15).
     stiffness_noise : float, 0 to below 1, dimension 1
         Every bond's stiffness is multiplied by a factor drawn evenly from ``1 +- stiffness_noise``: the imperfect
         twin of a symmetric body.
@@ -527,7 +528,7 @@ class Peridynamics(Table):
     cutoff_radius: float | None = key(None, gt=0, dimension="length")
     surface_correction: Literal["none", "appendix_a", "virial", "fitted"] = key("appendix_a")
     signs: Literal["free", "bounded"] = key("free")
-    kinematics: Literal["linear", "finite"] = key("finite")
+    kinematics: Literal["linear", "finite"] | None = key(None)
     stiffness_noise: float = key(0.0, ge=0, lt=1, dimension="1")
     seed: int = key(0, ge=0, lt=2**32)
 
@@ -1023,6 +1024,11 @@ class Scene(Table):
     def has_finite_elements(self) -> bool:
         """Whether some region is described by finite elements."""
         return _has_model(self.regions, "finite_elements")
+
+    @property
+    def kinematics(self) -> Literal["linear", "finite"]:
+        """Of bonds and elements; what ``peridynamics.kinematics`` stands for where it is not given."""
+        return self.peridynamics.kinematics or ("finite" if self.has_peridynamics else "linear")
 
     @property
     def is_coupled(self) -> bool:

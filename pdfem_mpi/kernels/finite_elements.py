@@ -86,6 +86,23 @@ def element_masses(stiffness: np.ndarray) -> np.ndarray:
     return 0.25 * _row_sums(stiffness)
 
 
+def turning_masses(stiffness: np.ndarray) -> np.ndarray:
+    """Masses of elements that turn: of (22), the largest of a node's three, for all of its directions.
+
+    An element's stiffness is at most 4 times its masses (22). Where these are alike in all directions, they stay so
+    while it turns, and so does the bound; masses of elongated elements are not.
+
+    Parameters
+    ----------
+    stiffness : float64, shape (n, 24, 24), dimension force / length
+
+    Returns
+    -------
+    float64, shape (n, 24), dimension force / length
+    """
+    return np.repeat(element_masses(stiffness).reshape(-1, 8, 3).max(axis=2), 3, axis=1)
+
+
 def force_bound(stiffness: np.ndarray) -> float:
     """Bound b of the rounded force components of both kernels: ``|f| <= b * largest``.
 
@@ -164,7 +181,7 @@ def add_shared_forces(force, u, connectivity, stiffness, scale, quantum, largest
     rounded = np.empty(24 * W)
     factor = np.empty(W)
     for first in range(0, len(connectivity), W):
-        _gather(difference, u, connectivity, first)
+        gather(difference, u, connectivity, first)
         for lane in range(W):
             factor[lane] = scale[min(first + lane, len(connectivity) - 1)]
         for j in range(3, 24):
@@ -188,7 +205,7 @@ def add_shared_forces(force, u, connectivity, stiffness, scale, quantum, largest
             store(rounded, W * (i + 4), isub(fma(s, f4, magic), magic))
             store(rounded, W * (i + 5), isub(fma(s, f5, magic), magic))
             store(rounded, W * (i + 6), isub(fma(s, f6, magic), magic))
-        _scatter(force, rounded.view(np.int64), connectivity, first)
+        scatter(force, rounded.view(np.int64), connectivity, first)
     largest_difference[0] = max(largest_difference[0], hmax(top))
 
 
@@ -226,7 +243,7 @@ def add_general_forces(force, u, connectivity, tables, lam, mu, quantum, largest
     table = tables.reshape(-1)
     row = 0
     for first in range(0, len(connectivity), W):
-        _gather(difference, u, connectivity, first)
+        gather(difference, u, connectivity, first)
         for lane in range(W):
             element = min(first + lane, len(connectivity) - 1)
             moduli[lane] = lam[element]
@@ -286,12 +303,12 @@ def add_general_forces(force, u, connectivity, tables, lam, mu, quantum, largest
                 store(forces, j, fma(zr, dr, fma(zs, ds, fma(zt, dt, load(forces, j)))))
         for j in range(3 * W, 24 * W, W):
             store(forces, j, isub(load(forces, j) + magic, magic))
-        _scatter(force, forces.view(np.int64), connectivity, first)
+        scatter(force, forces.view(np.int64), connectivity, first)
     largest_difference[0] = max(largest_difference[0], hmax(top))
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
-def _gather(difference, u, connectivity, first):
+def gather(difference, u, connectivity, first):
     """Write ``u_a - u_0`` of a group's elements to ``difference[4 (3 a + component) + lane]``."""
     for lane in range(W):
         element = min(first + lane, len(connectivity) - 1)
@@ -306,7 +323,7 @@ def _gather(difference, u, connectivity, first):
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
-def _scatter(force, rounded, connectivity, first):
+def scatter(force, rounded, connectivity, first):
     """Take ``rounded[4 (3 a + component) + lane]`` from nodes 1 to 7, give their sum to node 0."""
     for lane in range(min(W, len(connectivity) - first)):
         x = y = z = np.int64(0)

@@ -13,11 +13,11 @@ from time import perf_counter
 
 import numpy as np
 
-from pdfem_mpi.kernels import finite_elements, overlap, peridynamics
+from pdfem_mpi.kernels import finite_elements, overlap, peridynamics, turning_elements
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, value
 from pdfem_mpi.kernels.failure import add_energies
 from pdfem_mpi.kernels.simd import W
-from pdfem_mpi.model.model import Model
+from pdfem_mpi.model.model import Model, TurningElements
 from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.parallel.comm import agree, largest, sum_integers
 from pdfem_mpi.peridynamics.bonds import integer_bits, pattern_for
@@ -33,6 +33,8 @@ SLACK = 2.0**8
 COARSE = 2.0**16
 #: Numbers from here on count as infinite: their products would be.
 LARGEST = 2.0**400
+#: Elements in finite kinematics: displacements from here on count as infinite, since their cubes would be.
+LARGEST_TURNING = 2.0**250
 
 #: What sweeps that break nothing get in place of classes, limits and records.
 NOTHING_FAILS = (
@@ -58,8 +60,9 @@ class Bounds:
     bond : float
         Bound of ``|e|`` (finite kinematics, dimension 1), of ``|K' eta . xi|`` (linear, force / length), or of a
         component of a bond's force (tangent, force).
-    element : float, dimension length
-        Bound of the differences of displacements within an element.
+    element : float
+        Bound of the differences of displacements within an element (linear, length), or of a component of an element's
+        force (finite kinematics and tangent, force).
     parts : dict of Bounds
         Those of other forces that a run keeps: the preconditioner's cycle, a tangent. See `part`.
 
@@ -91,7 +94,7 @@ class Forces:
     model : Model
     bounds : Bounds
     tangent : bool
-        Evaluate the tangent of finite bond forces, at the displacements given to `linearise`.
+        Evaluate the tangent of finite kinematics, at the displacements given to `linearise`.
     evaluations : int
         Sweeps over the bonds and elements so far.
     swept : set of str
@@ -135,6 +138,8 @@ class Forces:
         size = float(largest(self.model.comm, np.array([np.abs(u).max(initial=0.0)]))[0])
         if self.model.bonds:
             self.bounds.bond = _power_above(8.0 * self.model.bonds.stiffest * size)
+        if self.model.elements and self.model.elements.finite:
+            size *= self.model.elements.bound
         self.bounds.element = _power_above(2.0 * size)
 
     def evaluate(
@@ -201,7 +206,7 @@ class Forces:
             points.halo.start_reverse(self.SI.reshape(-1, 2, 9, W)[:, :, 6:9])
             clock.lap("exchange")
         if model.elements:
-            node_quantum, _ = pattern_for(model.elements.bound * self.bounds.element)
+            node_quantum, _ = pattern_for(self._element_force_bound())
             if model.overlap:
                 # elements may be at rest while the overlap pulls: its sums must fit the nodes' integers
                 node_quantum = max(node_quantum, bond_quantum)
@@ -233,10 +238,15 @@ class Forces:
         model = self.model
         self.series = largest_e <= peridynamics.SERIES_LIMIT
         points, unknowns = model.points, model.unknowns
-        peridynamics.load_displacements(unknowns.of_points(u), points.x, self.S.reshape(-1), 2 * points.n_free, False)
-        if model.overlap:
+        if model.nodes:
             self.u_nodes[: model.nodes.n_owned] = unknowns.of_nodes(u)
             model.nodes.halo.scatter_forward(self.u_nodes)
+        if model.elements:
+            self.at_nodes = self.u_nodes.copy()
+        if not points:
+            return
+        peridynamics.load_displacements(unknowns.of_points(u), points.x, self.S.reshape(-1), 2 * points.n_free, False)
+        if model.overlap:
             overlap.interpolate(self.S, points.n_free, model.overlap.connectivity, self.u_nodes)
         points.halo.scatter_forward(self.S.reshape(-1, 2, 9, W)[:, :, 0:3])
         self.S[:, 3:6] = points.x.reshape(-1, 3, W) + self.S[:, 0:3]
@@ -300,8 +310,12 @@ class Forces:
         if model.bonds:
             for rows in model.bonds.rows:
                 add_energies(*rows.arrays, self.S.reshape(-1), model.bonds.finite, digits[0])
-        if model.elements:
-            quantum, _ = pattern_for(model.elements.bound * self.bounds.element)
+        if model.elements and model.elements.finite:
+            for part in model.elements.turning:
+                energy, _, _ = measured(part, self.u_nodes)
+                add_products(energy, np.full(len(energy), -2.0), digits[1])
+        elif model.elements:
+            quantum, _ = pattern_for(self._element_force_bound())
             self.force_nodes[:] = 0
             self._sweep_elements(quantum)
             model.nodes.halo.scatter_reverse(self.force_nodes)
@@ -356,6 +370,11 @@ class Forces:
             return self.bounds.bond
         return self.bounds.bond * (bonds.strongest if bonds.finite else bonds.cutoff)
 
+    def _element_force_bound(self) -> float:
+        """Bound of a component of an element's force."""
+        elements = self.model.elements
+        return self.bounds.element * (1.0 if elements.finite else elements.bound)
+
     def _sweep_bonds(self, rows, pattern, breaking, halo=None) -> None:
         bonds = self.model.bonds
         failure, limits = breaking
@@ -381,6 +400,9 @@ class Forces:
 
     def _sweep_elements(self, quantum) -> None:
         elements = self.model.elements
+        if elements.finite:
+            self._sweep_turning(quantum)
+            return
         met = np.zeros(1)
         for part in elements.shared:
             finite_elements.add_shared_forces(
@@ -399,6 +421,23 @@ class Forces:
                 met,
             )
         self.met[1] = max(self.met[1], met[0])
+
+    def _sweep_turning(self, quantum) -> None:
+        """Elements in finite kinematics, or their tangent."""
+        met, nodal = np.zeros(2), (self.force_nodes, self.u_nodes)
+        sweep = turning_elements.add_forces
+        if self.tangent:
+            sweep, nodal = turning_elements.add_tangent, (*nodal, self.at_nodes)
+        for part in self.model.elements.turning:
+            sweep(*nodal, part.connectivity, part.tables, part.lam, part.mu, quantum, met)
+        self.met[1] = max(self.met[1], met[0] if met[1] < LARGEST_TURNING else math.inf)
+
+
+def measured(part: TurningElements, u_nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Strain energy, smallest ``det F``, largest ``|E|`` of each element at displacements of shape (n_nodes, 3)."""
+    result = np.empty((3, len(part.connectivity)))
+    turning_elements.measure(u_nodes, part.connectivity, part.tables, part.lam, part.mu, *result)
+    return result[0], result[1], result[2]
 
 
 def _fitted(bound: float, met: float) -> float:

@@ -20,6 +20,7 @@ from pdfem_mpi.kernels.finite_elements import (
     gradient_tables,
     lame_moduli,
     stiffness_of_moduli,
+    turning_masses,
 )
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.simd import W
@@ -84,6 +85,16 @@ class GeneralElements:
 
 
 @dataclass(frozen=True)
+class TurningElements:
+    """The same elements in finite kinematics: geometry tables (one group for one shape) and Lame's moduli of each."""
+
+    connectivity: np.ndarray
+    tables: np.ndarray
+    lam: np.ndarray
+    mu: np.ndarray
+
+
+@dataclass(frozen=True)
 class Elements:
     """Finite elements owned by this rank.
 
@@ -92,12 +103,20 @@ class Elements:
     shared : tuple of SharedElements
     general : GeneralElements or None
     bound : float, dimension force / length
-        Largest force component per largest difference of nodal displacements, on all ranks.
+        Largest force component per largest difference of nodal displacements, on all ranks; of linear forces.
+    turning : tuple of TurningElements
+        Finite kinematics: what forces are made from, on every rank; the stiffness above is that at rest. Else empty.
     """
 
     shared: tuple[SharedElements, ...]
     general: GeneralElements | None
     bound: float
+    turning: tuple[TurningElements, ...] = ()
+
+    @property
+    def finite(self) -> bool:
+        """Finite (else linear) kinematics."""
+        return bool(self.turning)
 
     def per_node(self, pick: Callable[[np.ndarray], np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Numbers taken from the elements' stiffness matrices, for their nodes.
@@ -175,6 +194,11 @@ class Model:
     rollers: np.ndarray
     intact_weights: np.ndarray | None = None
 
+    @property
+    def finite(self) -> bool:
+        """Whether anything follows finite displacements: bonds, elements or both. The same on all ranks."""
+        return bool((self.bonds and self.bonds.finite) or (self.elements and self.elements.finite))
+
     @cached_property
     def unknowns(self) -> Unknowns:
         """The order of a vector over this rank's unknowns."""
@@ -216,7 +240,7 @@ def build_model(
     remaining, cut, intact_weights = 0.0, [], None
     if discretization.has_points.any():
         points = _make_points(discretization, subdomain, comm)
-        finite = scene.peridynamics.kinematics == "finite"
+        finite = scene.kinematics == "finite"
         correction = scene.peridynamics.surface_correction
         fitted = correction == "fitted"
         settings = (comm, points, discretization.materials, discretization.cutoff, finite)
@@ -242,7 +266,7 @@ def build_model(
         nodes = _make_nodes(discretization, subdomain, comm)
         local = local_nodes(discretization, subdomain)
     if discretization.has_stiffness.any():
-        elements = _make_elements(discretization, subdomain, local, comm)
+        elements = _make_elements(discretization, subdomain, local, comm, scene.kinematics == "finite")
     if discretization.is_overlap.any():
         overlap = Overlap(local[discretization.mesh.cells[subdomain.overlap]])
     mass = _masses(comm, points, bonds, nodes, elements, overlap)
@@ -283,7 +307,7 @@ def build_intact_elements(discretization: Discretization, model: Model) -> Model
     )
     subdomain = cut_out(intact, model.owner, model.comm.rank)
     nodes = _make_nodes(intact, subdomain, model.comm)
-    elements = _make_elements(intact, subdomain, local_nodes(intact, subdomain), model.comm)
+    elements = _make_elements(intact, subdomain, local_nodes(intact, subdomain), model.comm, False)
     return replace(
         model,
         subdomain=subdomain,
@@ -397,15 +421,17 @@ def _shapes(discretization: Discretization) -> tuple[np.ndarray, np.ndarray]:
     return np.array(representatives, np.int64), shape
 
 
-def _make_elements(discretization: Discretization, subdomain: Subdomain, local, comm) -> Elements:
+def _make_elements(discretization: Discretization, subdomain: Subdomain, local, comm, finite: bool) -> Elements:
     representatives, shape = _shapes(discretization)
     modulus, nu = discretization.youngs_modulus, discretization.poissons_ratio
     corners = discretization.nodes[discretization.mesh.cells]
-    shared, bound = [], 0.0
+    shared, turning, bound = [], [], 0.0
     for index, cell in enumerate(representatives):
         stiffness = element_stiffness(corners[cell][None], np.ones(1), nu[cell])
         mine = subdomain.elements[shape[subdomain.elements] == index]
         shared.append(SharedElements(local[discretization.mesh.cells[mine]], stiffness[0], modulus[mine]))
+        moduli = lame_moduli(modulus[mine], nu[cell])
+        turning.append(TurningElements(shared[-1].connectivity, gradient_tables(corners[cell][None]), *moduli))
         bound = max(bound, force_bound(stiffness) * float(modulus[mine].max(initial=0.0)))
     general = None
     if (shape[discretization.has_stiffness] < 0).any():
@@ -414,11 +440,13 @@ def _make_elements(discretization: Discretization, subdomain: Subdomain, local, 
         general = GeneralElements(
             local[discretization.mesh.cells[mine]], corners[mine], gradient_tables(corners[mine]), lam, mu
         )
+        turning.append(TurningElements(general.connectivity, general.tables, lam, mu))
         for start in range(0, len(mine), BATCH):
             batch = slice(start, start + BATCH)
             stiffness = stiffness_of_moduli(corners[mine[batch]], lam[batch], mu[batch])
             bound = max(bound, force_bound(stiffness))
-    return Elements(tuple(shared), general, float(largest(comm, np.array([bound]))[0]))
+    turning = tuple(turning) if finite else ()
+    return Elements(tuple(shared), general, float(largest(comm, np.array([bound]))[0]), turning)
 
 
 def _masses(comm, points, bonds, nodes, elements, overlap) -> np.ndarray:
@@ -434,7 +462,8 @@ def _masses(comm, points, bonds, nodes, elements, overlap) -> np.ndarray:
     if nodes:
         contributions = []
         if elements:
-            contributions += elements.per_node(lambda stiffness: element_masses(stiffness).reshape(-1, 8, 3))
+            masses = turning_masses if elements.finite else element_masses
+            contributions += elements.per_node(lambda stiffness: masses(stiffness).reshape(-1, 8, 3))
         if overlap:
             density = densities.reshape(-1, 8)[points.n_free : points.n_owned]
             lumped = np.zeros((len(density), 8))

@@ -24,6 +24,7 @@ from pdfem_mpi.kernels import (
     preconditioner,
     relaxation,
     surface_correction,
+    turning_elements,
 )
 
 MODULES = (
@@ -44,6 +45,7 @@ MODULES = (
     preconditioner,
     relaxation,
     surface_correction,
+    turning_elements,
 )
 
 
@@ -76,6 +78,8 @@ NEEDED_BY = {
     preconditioner.add_point_blocks: {"bonds", "cg"},
     relaxation: {"adr"},
     surface_correction: {"correction"},
+    turning_elements: {"turning"},
+    turning_elements.add_tangent: {"turning", "cg"},
 }
 
 

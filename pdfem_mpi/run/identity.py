@@ -12,10 +12,14 @@ from pdfem_mpi.deck.scene import Scene, show
 
 #: Keys that say nothing about the states a run goes through. A name stands for its table's keys too.
 FREE = ("title", "units", "probes", "output", "checkpoint")
+KINEMATICS = "peridynamics.kinematics"
+#: Stand for elements in finite kinematics. Beside bonds they were linear once, whatever the deck said: such a run may
+#: go on, and the log says so.
+ELEMENTS, ELEMENTS_BESIDE_BONDS = "elements, their kinematics", "elements beside bonds, their kinematics"
 #: Keys that may change from a checkpoint on; the log says so, since results are then not those of one deck.
 TOLD = (
     "solver.tolerance", "solver.max_evaluations", "stepping.end_load_factor", "stepping.end_reaction",
-    "stepping.report_every",
+    "stepping.report_every", ELEMENTS_BESIDE_BONDS,
 )  # fmt: skip
 #: Where the load goes: what was done already must stay.
 LOAD_FACTORS = "stepping.load_factors"
@@ -27,6 +31,9 @@ def identity(scene: Scene, discretization: Discretization) -> dict[str, Any]:
     """Every key of the scene by its dotted path, as JSON knows it, and a digest of the mesh and its regions."""
     keys: dict[str, Any] = {}
     _flatten(json.loads(scene.model_dump_json()), "", keys)
+    keys[KINEMATICS] = keys[KINEMATICS] or "finite"  # as checkpoints had it when that was the default
+    if scene.has_finite_elements and scene.kinematics == "finite":
+        keys[ELEMENTS_BESIDE_BONDS if scene.has_peridynamics else ELEMENTS] = "finite"
     total = hashlib.sha256()
     for array in (discretization.nodes, discretization.mesh.cells, discretization.region):
         total.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())

@@ -116,7 +116,7 @@ def estimate(scene: Scene, discretization: Discretization, subdomain: Subdomain)
     cells = np.concatenate([subdomain.free, subdomain.overlap])
     rows, bonds = _count_bonds(discretization, cells)
     n_nodes = len(subdomain.owned_nodes) + len(subdomain.ghost_nodes)
-    total = rows * ROW_BYTES[scene.peridynamics.kinematics]
+    total = rows * ROW_BYTES[scene.kinematics]
     n_cells = len(cells) + len(subdomain.ghosts) + len(subdomain.images)
     total += (8 * n_cells + 0.5 * n_nodes) * POINT_BYTES
     later = (8 * len(subdomain.free) + len(subdomain.owned_nodes)) * MOTION_BYTES

@@ -43,9 +43,10 @@ def features_of(scene: Scene) -> frozenset[str]:
     """What a scene has, in the words of `kernels.warm_up.NEEDED_BY`."""
     bonds, settings = scene.has_peridynamics, scene.peridynamics
     events = isinstance(scene.stepping, Events)
+    cg = scene.solver.kind == "cg" or events
     has = {
         "bonds": bonds,
-        settings.kinematics: bonds,
+        scene.kinematics: bonds,
         "failing": bonds and can_fail(scene),
         "correction": bonds and settings.surface_correction in ("appendix_a", "virial"),
         "fitted": bonds and settings.surface_correction == "fitted",
@@ -54,9 +55,10 @@ def features_of(scene: Scene) -> frozenset[str]:
         "damage": scene.output.damage,
         "mirrors": bool(scene.mesh.symmetry),
         "overlap": scene.is_coupled,
-        "cg": scene.solver.kind == "cg" or events,
+        "cg": cg,
         "adr": scene.solver.kind == "adr" or isinstance(scene.stepping, Ramp),
-        "elements": scene.has_finite_elements or scene.solver.kind == "cg" or events,  # those of the intact body
+        "elements": (scene.has_finite_elements and scene.kinematics == "linear") or cg,  # cg: those of the intact body
+        "turning": scene.has_finite_elements and scene.kinematics == "finite",
     }
     return frozenset(feature for feature, there in has.items() if there)
 
@@ -232,7 +234,7 @@ def left_out(scene: Scene, discretization: Discretization, failure: Failure | No
             "points", "bond_rows", "bond_strengths", "bond_lengths", "bond_counts", "damage_weights", "break_check",
             "break_records", "broken_bonds", "fitted_factors", "mirror_images",
         )  # fmt: skip
-    if scene.peridynamics.kinematics == "linear":
+    if scene.kinematics == "linear":
         because('peridynamics.kinematics = "linear"', "bond_lengths")
     if scene.peridynamics.surface_correction != "fitted":
         because(f'peridynamics.surface_correction = "{scene.peridynamics.surface_correction}"', "fitted_factors")

@@ -24,7 +24,6 @@ from pdfem_mpi.measure.bar import Bar, bar_results, measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import Fields, digest_fields, fields_sha256, gather_damage, gather_fields, point_positions
 from pdfem_mpi.measure.line import Line, measure_line
-from pdfem_mpi.measure.rotations import TOLD, describe_rotation, largest_rotation
 from pdfem_mpi.model.forces import Forces, NotFinite
 from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import Model, build_model
@@ -396,11 +395,12 @@ class _Run:
             state.began = perf_counter()
         self.ways.requests.setting_up = False
         start_up = perf_counter() - self.started
-        solve_start, output, timed = perf_counter(), 0.0, False
+        solve_start, output, timed, warned = perf_counter(), 0.0, False, False
         try:
             program = () if over else follow_load_program(scene, solve, failure, state, case, watch)
             for rows, row in enumerate(program, start=1):  # noqa: B007 - asked for after the loop
                 self.energy_error = row.convergence.energy_error
+                warned = self._warn_of_strains(row, warned)
                 output_start = perf_counter()
                 fields = gather_fields(discretization, forces, state.u) if wanted else None
                 columns = _history_row(row, discretization.units, failure is not None)
@@ -437,7 +437,6 @@ class _Run:
         evaluations = forces.evaluations
         if fields is not None:
             self._probe(discretization, fields, state.load_factor)
-            self._look_at_elements(discretization, fields)
         with _phase(self.seconds, "output"):
             if code != EXIT_STOPPED:  # who stops a run is in a hurry
                 on_root(comm, self._write_lines)
@@ -554,12 +553,12 @@ class _Run:
             elif isinstance(probe, LineProbe):
                 self.lines[probe.name] = measure_line(discretization, fields, probe)
 
-    def _look_at_elements(self, discretization: Discretization, fields: Fields) -> None:
-        """Warn of linear elements that turned beside bonds that may."""
-        if self.scene.is_coupled and self.scene.peridynamics.kinematics == "finite":
-            angle = largest_rotation(discretization, fields.u_nodes)
-            if angle > TOLD:
-                self.reporter.line(describe_rotation(angle))
+    def _warn_of_strains(self, row: Report, warned: bool) -> bool:
+        """Tell of strained elements once, at the first row that has them; whether that is done."""
+        if warned or not (row.elements and row.elements.warning):
+            return warned
+        self.reporter.line(row.elements.warning)
+        return True
 
     def _write_lines(self) -> None:
         if self.lines:

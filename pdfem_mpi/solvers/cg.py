@@ -17,7 +17,8 @@ Eisenstat & Walker, Choosing the forcing terms in an inexact Newton method, SIAM
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -44,6 +45,9 @@ FIRST_FORCING, LEAST_FORCING, MOST_FORCING = 1e-2, 1e-6, 1e-1
 DRIFT, LOWERED, NEAR_ROUND_OFF = 100.0, 1e-3, 1e4
 #: The true residual must at least halve from one solve to the next, in a Newton step below `NEWTON_FLOOR` only.
 STAGNATION, NEWTON_FLOOR = 0.5, 1e-8
+#: What turns moves on a circle, and Newton's straight step stretches it: residuals rise before they fall. So many steps
+#: in a row may leave a residual above the one before the first of them.
+MOST_RISES = 6
 #: Residuals are relative to at least this fraction of the largest load or reaction met on the way: a part that its
 #: supports only carry along comes to rest without any force.
 FORCELESS = 1e-7
@@ -71,7 +75,7 @@ def solve(
     Raises
     ------
     Breakdown
-        On all ranks alike: an indefinite tangent or preconditioner, or a Newton step that leads away. The state is
+        On all ranks alike: an indefinite tangent or preconditioner, or Newton steps that lead away. The state is
         left at the best displacements found.
     NotConverged
         On all ranks alike: a residual that stagnates, or too many evaluations.
@@ -79,7 +83,7 @@ def solve(
         On all ranks alike.
     """
     u, comm = state.u, forces.model.comm
-    finite = bool(forces.model.bonds and forces.model.bonds.finite)
+    finite = forces.model.finite
     if finite:
         tangent = Forces(forces.model, tangent=True, seconds=forces.seconds, swept=forces.swept)
     else:
@@ -87,13 +91,15 @@ def solve(
     residual = np.empty_like(u)
     start, norm, forcing, largest_met = forces.evaluations, math.inf, FIRST_FORCING, 0.0
     sequence = Sequence(tangent, fixed, preconditioner, np.zeros_like(u))
+    rise = _Rise()
 
     at_rest = float(largest(comm, np.array([np.abs(u).max(initial=0.0)]))[0]) == 0.0
     while True:
         if at_rest:
             residual[:] = external  # no internal forces: nothing to evaluate
         else:
-            forces.evaluate_surely(u, external, residual)
+            with rise.guarded(u):
+                forces.evaluate_surely(u, external, residual)
         internal = external - residual
         reaction = np.where(fixed, residual, 0.0)
         residual[fixed] = 0.0
@@ -101,7 +107,8 @@ def solve(
             comm, [(residual, residual), (external, external), (reaction, reaction), (u, internal)]
         )
         if not math.isfinite(square):
-            raise NotFinite(forces.describe_not_finite(u, residual))
+            with rise.guarded(u):
+                raise NotFinite(forces.describe_not_finite(u, residual))
         largest_met = max(largest_met, load, held)
         reference = math.sqrt(max(load, held, FORCELESS**2 * largest_met)) or 1.0
         before, norm = norm, math.sqrt(square)
@@ -111,12 +118,8 @@ def solve(
             return Convergence(forces.evaluations - start, relative, sequence.relative_energy_error(energy))
         if at_rest and square == 0.0:
             return Convergence(forces.evaluations - start, 0.0, 0.0)
-        if finite and norm > before and relative > NEWTON_FLOOR:
-            u -= sequence.x
-            raise Breakdown(
-                f"a Newton step raised the relative residual from {before / reference:.3g} to {relative:.3g}: the load "
-                "is too large for one step, or the body is unstable."
-            )
+        if finite and relative > NEWTON_FLOOR:
+            rise.follow(u, sequence.x, before, norm, reference)
         if norm > STAGNATION * before and not (finite and relative > NEWTON_FLOOR):
             raise NotConverged(
                 f"conjugate gradients stagnate at a relative residual of {relative:.3g}, above solver.tolerance = "
@@ -129,10 +132,11 @@ def solve(
             tangent.linearise(u, 0.0 if at_rest else forces.bounds.bond)
         goal = max(SAFETY * tolerance * reference, (forcing if finite else LINEAR_REDUCTION) * norm)
         try:
-            sequence.run(
-                residual, norm, goal, max_evaluations - (forces.evaluations - start), ROUND_OFF * reference,
-                lambda norm: _told(watch, state, norm / reference),  # noqa: B023 - called within this turn of the loop
-            )  # fmt: skip
+            with rise.guarded(u):
+                sequence.run(
+                    residual, norm, goal, max_evaluations - (forces.evaluations - start), ROUND_OFF * reference,
+                    lambda norm: _told(watch, state, norm / reference),  # noqa: B023 - called within this turn
+                )  # fmt: skip
         finally:
             forces.evaluations += tangent.evaluations
             tangent.evaluations = 0
@@ -140,6 +144,45 @@ def solve(
         if not finite:
             forces.bounds.expect(sequence.reach(), at_rest)
         at_rest = False
+
+
+class _Rise:
+    """Steps in a row that left the residual above what it was before them, and the displacements then."""
+
+    def __init__(self) -> None:
+        self.count, self.norm, self.u = 0, math.inf, np.empty(0)
+
+    def follow(self, u: np.ndarray, step: np.ndarray, before: float, norm: float, reference: float) -> None:
+        """Look at the residual after a step.
+
+        Raises
+        ------
+        Breakdown
+            It stayed above for too long; ``u`` is what it was before.
+        """
+        if not norm > (self.norm if self.count else before):
+            self.count = 0
+            return
+        if not self.count:
+            self.norm, self.u = before, u - step
+        self.count += 1
+        if self.count > MOST_RISES:
+            u[:] = self.u
+            raise Breakdown(
+                f"Newton steps raised the relative residual from {self.norm / reference:.3g} to "
+                f"{norm / reference:.3g}: the load is too large for one step, or the body is unstable."
+            )
+
+    @contextmanager
+    def guarded(self, u: np.ndarray) -> Iterator[None]:
+        """What goes wrong inside while the residual is up is a breakdown, and ``u`` is what it was before."""
+        try:
+            yield
+        except (Breakdown, NotFinite) as error:
+            if not self.count:
+                raise
+            u[:] = self.u
+            raise Breakdown(str(error)) from error
 
 
 def improve(
@@ -292,7 +335,8 @@ class Sequence:
                 reason = f"the {what} is not positive definite along a search direction: the body is unstable."
                 if gamma > 0.0 and not forces.tangent:  # whatever the load: relaxation would fare no better
                     raise NotConverged(f"{reason}{self._remedy()}")
-                raise Breakdown(reason)
+                np.add(self.z, beta * self.p, out=self.x)
+                raise Breakdown(f"{reason} Along it {describe_motion(forces.model, self.x)}.")
             alpha = gamma / curvature
             self.coefficients.add(alpha, beta, gamma)
             digits = np.zeros(SIZE, np.int64)

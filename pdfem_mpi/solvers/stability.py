@@ -37,7 +37,7 @@ def smallest_eigenvalue(model: Model, fixed: np.ndarray, preconditioner: Precond
     fixed : bool, shape (n_unknowns,)
     preconditioner : Preconditioner
     """
-    forces = Forces(model, tangent=bool(model.bonds and model.bonds.finite))
+    forces = Forces(model, tangent=model.finite)
     rest = np.zeros(model.n_unknowns)
     if forces.tangent:
         forces.linearise(rest, 0.0)

@@ -20,13 +20,13 @@ import numpy as np
 from pdfem_mpi.deck.scene import Events
 from pdfem_mpi.model.forces import Forces, NotFinite
 from pdfem_mpi.model.loads import LoadCase, remove_rigid_motion, without_loads_on_loose_parts
-from pdfem_mpi.model.parts import NAMED
+from pdfem_mpi.model.parts import NAMED, describe_motion
 from pdfem_mpi.model.state import State
 from pdfem_mpi.model.unknowns import by_component
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
-from pdfem_mpi.solvers import cg
+from pdfem_mpi.solvers import adr, cg
 from pdfem_mpi.solvers.convergence import Breakdown, Convergence, NotConverged, Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.stepping.report import Report, Reporter, reaction, support_resultants
@@ -123,7 +123,7 @@ class _Events:
         self.settings, self.solve, self.failure, self.state, self.case = settings, solve, failure, state, case
         self.whole = case
         self.forces, self.model = solve.forces, solve.forces.model
-        self.finite = self.model.bonds.finite
+        self.finite = self.model.finite
         self.tangent = self.forces
         if self.finite:
             bounds = self.forces.bounds.part("tangent")
@@ -131,7 +131,7 @@ class _Events:
             self.tangent = Forces(self.model, bounds, tangent=True, seconds=own.seconds, swept=own.swept)
         self.watch = lambda progress: watch(state.step + 1, progress)
         self.reporter = Reporter(self.forces, case, failure)
-        self.residual, self.step = np.empty_like(state.u), np.empty_like(state.u)
+        self.residual, self.step = np.empty_like(state.u), np.zeros_like(state.u)
         self.counted = self._evaluations()
         self.loose: frozenset[str] = frozenset()
         if state.program.get("fragments"):
@@ -361,11 +361,35 @@ class _Events:
                 self.state.program["fragments"] = 1.0
                 self._evaluate()
                 return
+            place = describe_motion(self.model, self.step)
+            if self.finite and self._find_rest():
+                return
             raise NotConverged(
                 f"after {self.failure.count:,} broken bonds the relative residual stagnates at {relative:.3g}, above "
-                f"stepping.arrest_tolerance = {goal:.3g}: some part may have come loose under a load. "
-                f"{self._last_breaks()}"
+                f"stepping.arrest_tolerance = {goal:.3g}: some part may have come loose under a load. Still moving: "
+                f"{place}. {self._last_breaks()}"
             )
+
+    def _find_rest(self) -> bool:
+        """Finite kinematics: equilibrium at the held load by Newton's method or, where that breaks down, relaxation.
+
+        A part that hangs on by little swings far before it rests, and straight steps along one tangent do not take it
+        there. What the loads work beyond the energy that is stored then was taken out on the way. Whether it was found.
+        """
+        state, program, case = self.state, self.state.program, self.case
+        stored, before, external = self._stored(), state.u.copy(), self._external()
+        try:
+            self._come_to_rest(SAFETY * self.settings.arrest_tolerance)
+        except (NotConverged, NotFinite):
+            state.u[:] = before
+            self._evaluate()
+            return False
+        self._evaluate()
+        (work,) = exact_dots(self.model.comm, [(external, state.u - before)])
+        work = float(work) if case.load else 0.0
+        program["work"] += work
+        program["released"] += work - (self._stored() - stored)
+        return True
 
     def _scale(self, load_factor: float) -> None:
         """Linear kinematics: the state at another load."""
@@ -407,13 +431,24 @@ class _Events:
 
     def _equilibrate(self, tolerance: float) -> None:
         """Equilibrium at the state's load; the table of the forces is left at it."""
-        solve, state, case = self.solve, self.state, self.case
         self._prescribe()
-        cg.solve(
-            self.forces, state, self._external(), case.fixed, tolerance, solve.settings.max_evaluations,
-            solve.preconditioner, self.watch,
-        )  # fmt: skip
+        self._come_to_rest(tolerance)
         self._evaluate()
+
+    def _come_to_rest(self, tolerance: float) -> None:
+        """Equilibrium at the state's load by conjugate gradients; in finite kinematics, where these break down, by
+        relaxation.
+        """
+        solve, state = self.solve, self.state
+        common = (self.forces, state, self._external(), self.case.fixed, tolerance, solve.settings.max_evaluations)
+        try:
+            cg.solve(*common, solve.preconditioner, self.watch)
+        except Breakdown:
+            if not self.finite:
+                raise
+            state.iteration = state.spent = 0
+            state.v[:] = 0.0
+            adr.solve(*common, self.watch)
 
     def _small_load(self) -> float:
         """A load factor at which strains are small, whatever the deck's loads are."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from pdfem_mpi.deck.scene import Events, Ramp, Scene
+from pdfem_mpi.measure.strains import measure_elements
+from pdfem_mpi.model.forces import NotFinite
 from pdfem_mpi.model.loads import LoadCase
 from pdfem_mpi.model.state import State
 from pdfem_mpi.peridynamics.failure import Failure
-from pdfem_mpi.solvers.convergence import Progress
+from pdfem_mpi.solvers.convergence import NotConverged, Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.stepping.events import follow_events
 from pdfem_mpi.stepping.ramp import follow_ramp
@@ -44,8 +46,15 @@ def follow_load_program(
     NotConverged, NotFinite, Stopped
     """
     stepping = scene.stepping
+    follow = follow_steps
     if isinstance(stepping, Ramp):
-        return follow_ramp(stepping, solve, failure, state, case, watch)
-    if isinstance(stepping, Events):
-        return follow_events(stepping, solve, failure, state, case, watch)
-    return follow_steps(stepping, solve, failure, state, case, watch)
+        follow = follow_ramp
+    elif isinstance(stepping, Events):
+        follow = follow_events
+    try:
+        yield from follow(stepping, solve, failure, state, case, watch)
+    except (NotConverged, NotFinite) as error:
+        elements = measure_elements(solve.forces.model, state.u)
+        if elements is None or not elements.refusal or elements.refusal in str(error):
+            raise
+        raise type(error)(f"{error} By then {elements.refusal}") from error

@@ -8,12 +8,13 @@ from time import perf_counter
 
 import numpy as np
 
+from pdfem_mpi.measure.strains import Deformation, measure_elements
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase, rigid_modes
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
-from pdfem_mpi.solvers.convergence import Convergence
+from pdfem_mpi.solvers.convergence import Convergence, NotConverged
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,8 @@ class Report:
         Strain energy, energy of bonds when they broke, work of loads and supports, energy that relaxation took out.
     extent : float64, shape (2, 3) or None, dimension length
         Bounding box of the midpoints of broken bonds.
+    elements : Deformation or None
+        Of elements in finite kinematics.
     seconds : float
         Since the row before.
     """
@@ -64,6 +67,7 @@ class Report:
     work: float | None
     released: float | None
     extent: np.ndarray | None
+    elements: Deformation | None
     seconds: float
 
     @property
@@ -109,8 +113,16 @@ class Reporter:
         ----------
         work, released : float, optional
             External work and energy taken out so far, where the program keeps these books.
+
+        Raises
+        ------
+        NotConverged
+            An element is turned inside out.
         """
         forces, case, failure = self.forces, self.case, self.failure
+        elements = measure_elements(forces.model, state.u)
+        if elements and elements.refusal:
+            raise NotConverged(f"at load factor {state.load_factor:.6g} {elements.refusal}")
         internal = np.empty_like(state.u)
         forces.evaluate_surely(state.u, np.zeros_like(state.u), internal)
         resultants, force_balance, moment_balance = balance(forces, state, case, internal)
@@ -134,6 +146,7 @@ class Reporter:
             work=work,
             released=released,
             extent=failure.extent if failure else None,
+            elements=elements,
             seconds=now - state.began,
         )
         state.program["told_broken"], state.began = broken, now
@@ -174,7 +187,7 @@ def support_resultants(forces: Forces, case: LoadCase, residual: np.ndarray) -> 
 def balance(forces: Forces, state: State, case: LoadCase, internal: np.ndarray):
     """Resultants of the supports, and how well the internal forces sum to nothing. Collective."""
     model = forces.model
-    finite = model.bonds is not None and model.bonds.finite
+    finite = model.finite
     size = np.abs(internal)
 
     def pairs():

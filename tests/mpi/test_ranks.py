@@ -67,6 +67,7 @@ SCENES |= {
         make_scene, (4, 3, 2), 0, correction="fitted", signs="bounded", kinematics="finite"
     ),
     "elements": partial(make_scene, (7, 3, 2), 7),
+    "elements, finite": partial(make_scene, (7, 3, 2), 7, kinematics="finite", loads=tension((7, 3, 2), 7, 100.0)),
     "elements of another poissons ratio": partial(make_scene, (5, 3, 1), 5, poissons_ratio=0.4),
     "coupled, reading A": partial(make_scene, (9, 3, 2), 4, coupling="paper_a"),
     "coupled, overlap 3": partial(make_scene, (9, 3, 2), 5, overlap=3, kinematics="finite"),

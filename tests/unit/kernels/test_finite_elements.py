@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from skfem import Basis, BilinearForm, ElementHex1, ElementVector, MeshHex
 from skfem.helpers import ddot, eye, sym_grad, trace
+from unit.kernels.bodies_of_elements import box, turn
 
 from pdfem_mpi.kernels import finite_elements as fe
 from pdfem_mpi.kernels import hex8
@@ -11,17 +12,6 @@ from pdfem_mpi.kernels import hex8
 QUANTUM = 2.0**-50
 YOUNG, NU = 2.5, 0.3
 ROUND_OFF = 1e-13  # of the largest entry: sums of some hundred terms
-
-
-def box(nx=3, ny=2, nz=2, jitter=0.0):
-    """Nodes and cells of a box of unit cubes; nodes moved by up to ``jitter``, multiples of 2^-20."""
-    shape = (nz + 1, ny + 1, nx + 1)
-    k, j, i = np.indices(shape)
-    x = np.stack([i, j, k], axis=-1).reshape(-1, 3).astype(float)
-    x += np.round(np.random.default_rng(3).uniform(-jitter, jitter, x.shape) * 2**20) / 2**20
-    first = np.arange(x.shape[0]).reshape(shape)[:-1, :-1, :-1].ravel()
-    r, s, t = ((hex8.REFERENCE_NODES + 1) // 2).astype(int).T
-    return x, (first[:, None] + r + (nx + 1) * (s + (ny + 1) * t)).astype(np.int32)
 
 
 def displacements(x):
@@ -125,6 +115,19 @@ def test_masses_are_a_quarter_of_the_row_sums_and_stable():
         m[dofs[e]] += masses[e]
     largest = np.linalg.eigvalsh(k / np.sqrt(m[:, None] * m))[-1]
     assert 1.0 < largest < 4.0  # above 1: masses four times as large, without the 1/4, would waste iterations
+
+
+@pytest.mark.parametrize("edges", [(1, 1, 1), (1, 1, 4), (4, 4, 1)])
+def test_masses_of_turning_elements_bound_their_stiffness_at_any_angle(edges):
+    """Those of (22) do not where edges differ: the largest eigenvalue of M^-1 K was 7.4 and 9.7 when turned."""
+    x, cells = box()
+    stiffness = fe.element_stiffness(x[cells] * np.array(edges), np.full(12, YOUNG), NU)[0]
+    masses, printed = fe.turning_masses(stiffness[None])[0], fe.element_masses(stiffness[None])[0]
+    if edges == (1, 1, 1):
+        np.testing.assert_allclose(masses, printed, rtol=ROUND_OFF)
+    about = np.kron(np.eye(8), turn(90.0, (1.0, 1.0, 0.0)) @ turn(30.0))
+    for matrix in (stiffness, about @ stiffness @ about.T):
+        assert np.linalg.eigvalsh(matrix / np.sqrt(masses[:, None] * masses))[-1] <= 4.0
 
 
 @pytest.mark.nojit

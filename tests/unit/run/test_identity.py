@@ -4,7 +4,17 @@ import pytest
 
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.scene import Crack, LineProbe, Output, Solver, Steps, Support
-from pdfem_mpi.run.identity import FREE, LOAD_FACTORS, MESH, TOLD, differences, identity, sha256
+from pdfem_mpi.run.identity import (
+    ELEMENTS,
+    ELEMENTS_BESIDE_BONDS,
+    FREE,
+    LOAD_FACTORS,
+    MESH,
+    TOLD,
+    differences,
+    identity,
+    sha256,
+)
 from verification.bodies import make_scene
 
 
@@ -44,6 +54,20 @@ def test_each_defining_key_makes_another_run(key):
 def test_keys_are_told_with_both_values():
     changed = KEYS | {"material.youngs_modulus": 2000.0}
     assert differences(KEYS, changed, 0)[0] == ["material.youngs_modulus was 1000.0, the deck has 2000.0"]
+
+
+def test_elements_in_finite_kinematics_are_a_key_of_their_own():
+    """Beside bonds they were linear once: such a run may go on, and is told. Alone they are another run."""
+    finite = keys_of(kinematics="finite")
+    before = {key: value for key, value in finite.items() if key != ELEMENTS_BESIDE_BONDS}
+    assert differences(before, finite, 1) == ([], [f'{ELEMENTS_BESIDE_BONDS} was nothing, the deck has "finite"'])
+    assert differences(finite, keys_of(kinematics=None), 1) == ([], [])  # the default beside bonds
+    alone = {
+        kinematics: identity(scene, discretize(scene))
+        for kinematics in (None, "finite")
+        for scene in [make_scene((2, 1, 1), 2, kinematics=kinematics)]
+    }
+    assert differences(alone[None], alone["finite"], 1) == ([f'{ELEMENTS} was nothing, the deck has "finite"'], [])
 
 
 @pytest.mark.parametrize(

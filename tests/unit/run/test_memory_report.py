@@ -45,6 +45,8 @@ def scene_of(n_elements=0, output=NO_OUTPUT, material=None, **options):
 SCENES = {
     "finite elements, adr": (scene_of(CELLS[0]), ELEMENTS, []),
     "finite elements, cg": (scene_of(CELLS[0], solver="cg"), ELEMENTS | GRADIENTS, []),
+    "finite elements, finite, adr": (scene_of(CELLS[0], kinematics="finite"), ELEMENTS, []),
+    "finite elements, finite, cg": (scene_of(CELLS[0], kinematics="finite", solver="cg"), ELEMENTS | GRADIENTS, []),
     "linear": (scene_of(), BONDS, ["linear"]),
     "linear, cg": (scene_of(solver="cg"), BONDS | GRADIENTS, ["linear"]),
     "linear, breaking": (scene_of(material=BRITTLE), BONDS | BREAKING, ["linear", "linear, breaking"]),

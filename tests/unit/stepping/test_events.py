@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Events, Steps, Support
-from pdfem_mpi.solvers.convergence import NotConverged
+from pdfem_mpi.deck.scene import BodyForce, Events, Steps, Support
+from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.stepping import events
-from verification.failing import CHIP, DEAD, EDGE, STRETCH, chipped, failing, followed, numbers, strip
+from verification.failing import CHIP, DEAD, EDGE, GUIDED, STRETCH, chipped, failing, followed, numbers, strip
 
 CLOSED = 1e-10  # of the work: round-off of thousands of sums; 1e-14 is found
 TANGENT_STEPS = 1e-4  # of the work, finite kinematics: X is that of the tangent, strains are some 1e-3; 1e-5 is found
@@ -248,7 +248,9 @@ def test_energy_control_relaxes_until_it_is_enough(monkeypatch):
 
 
 @pytest.mark.parametrize("control", ["load", "energy"])
-@pytest.mark.parametrize("options", [{}, {"loads": DEAD, "supports": ()}], ids=["pulled", "dead"])
+@pytest.mark.parametrize(
+    "options", [{}, {"loads": DEAD, "supports": ()}, {"elements": 2}], ids=["pulled", "dead", "elements"]
+)
 def test_finite_kinematics_brackets_the_load(options, control):
     """The first break is that of linear kinematics but for the strain, its stretch critical within the bracket."""
     linear = followed(strip(**options), 1).rows[0]
@@ -278,6 +280,59 @@ def test_bracket_does_not_trust_a_loose_state():
     books._evaluate()
     books._bracket(1.001, np.inf)
     assert state.load_factor == pytest.approx(found, rel=BRACKETED)
+
+
+def books_of(run):
+    return events._Events(
+        run.body.scene.stepping, run.solve, run.failure, run.body.state, run.body.case, lambda *told: None
+    )
+
+
+def test_a_part_that_stays_out_of_equilibrium_is_told_with_its_place(monkeypatch):
+    """The sentence names what moved at last."""
+    run = followed(strip(kinematics="finite"), 1)
+    books, state = books_of(run), run.body.state
+    state.program["relative"] = 211.0
+    books.step[:] = state.u
+    monkeypatch.setattr(books, "_find_rest", lambda: False)
+    with pytest.raises(NotConverged, match=r"stagnates at 211, .* Still moving: \d+ points from \(.*\) to \(.*\) move"):
+        books._refuse_stagnation(211.0)
+
+
+@pytest.mark.parametrize("breaks_down", [False, True], ids=["newton", "relaxation"])
+@pytest.mark.parametrize("options", [{}, {"loads": DEAD, "supports": ()}], ids=["pulled", "dead"])
+def test_what_stagnates_comes_to_rest_with_closed_books(options, breaks_down, monkeypatch):
+    """Displacements out of equilibrium, as of a part that swings: what loads work and nothing stores is released."""
+    run = followed(strip(kinematics="finite", **options), 1)
+    books, state = books_of(run), run.body.state
+    if breaks_down:
+
+        def broken_down(*arguments):
+            raise Breakdown("for a test.")
+
+        monkeypatch.setattr(events.cg, "solve", broken_down)
+    moved = 1e-3 * np.random.default_rng(3).uniform(-1.0, 1.0, len(state.u))
+    state.u[:] += np.where(run.body.case.fixed, 0.0, moved)
+    books._evaluate()
+
+    def difference():
+        return state.program["work"] - books._stored() - state.program["released"]
+
+    before, program = difference(), dict(state.program)
+    assert program["relative"] > 10.0 * run.body.scene.stepping.arrest_tolerance
+    books._refuse_stagnation(program["relative"])
+    assert state.program["relative"] <= run.body.scene.stepping.arrest_tolerance
+    assert state.program["released"] > program["released"]
+    assert difference() == pytest.approx(before, abs=1e-12 * abs(books._stored()) + 1e-12 * abs(before))
+
+
+@pytest.mark.slow
+def test_what_a_load_tears_off_swings_until_it_rests():
+    """A load on the middle, one end held: relaxation along tangents stagnated with 2,760 bonds broken, at row 111."""
+    loads = (BodyForce(kind="body_force", region="middle", density=(0.18905338, -1.56824532, -0.41306354)),)
+    run = followed(strip(kinematics="finite", loads=loads, supports=GUIDED[:1]), 130)
+    assert len(run.rows) == 130
+    assert all(np.isfinite(row.stored) for row in run.rows)
 
 
 # --- going on
