@@ -24,6 +24,7 @@ from pdfem_mpi.kernels import (
     preconditioner,
     relaxation,
     surface_correction,
+    weighted_blocks,
 )
 
 MODULES = (
@@ -44,6 +45,7 @@ MODULES = (
     preconditioner,
     relaxation,
     surface_correction,
+    weighted_blocks,
 )
 
 
@@ -76,6 +78,7 @@ NEEDED_BY = {
     preconditioner.add_point_blocks: {"bonds", "cg"},
     relaxation: {"adr"},
     surface_correction: {"correction"},
+    weighted_blocks: {"bonds", "adr"},
 }
 
 

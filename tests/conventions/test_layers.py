@@ -21,7 +21,7 @@ LEVELS = (
     ("factor_grid", "bond_moments"),
     ("bond_factors",),
     ("body_fit",),
-    ("damage",),
+    ("damage", "stable_masses"),
     ("model", "memory"),
     ("failure", "components"),
     ("loading", "forces", "results"),
