@@ -10,7 +10,7 @@ import numpy as np
 
 from pdfem_mpi.components import describe_motion
 from pdfem_mpi.failure import Failure
-from pdfem_mpi.forces import LARGEST, Forces, NotFinite
+from pdfem_mpi.forces import Forces, NotFinite
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
 from pdfem_mpi.loading import exact_dots
@@ -91,6 +91,10 @@ class Relaxation:
     ----------
     force : float64, shape (n_unknowns,)
         Residual force of the last evaluation.
+    first : float, dimension force
+        Norm of the first residual force that was not 0.
+    grown : float, dimension 1
+        That of the last one, relative to the first.
     """
 
     def __init__(self, forces: Forces, fixed: np.ndarray, pauses: Pauses | Never = NEVER):
@@ -98,6 +102,7 @@ class Relaxation:
         self.forces, self.pauses, self.wishes = forces, pauses, (0, 0)
         self.inverse_mass = np.where(fixed | (mass == 0.0), 0.0, 1.0 / np.maximum(mass, 1e-300))
         self.force = np.empty_like(mass)
+        self.first = self.grown = 0.0
         self.root_share = np.sqrt(forces.model.share) if len(forces.model.rollers) else None
 
     def evaluate(
@@ -113,12 +118,15 @@ class Relaxation:
             On all ranks alike: what it made of it.
         """
         try:
-            return self._evaluate(state, external, load, failure)
+            sums = self._evaluate(state, external, load, failure)
         except NotFinite as error:
-            if not state.iteration or not load < LARGEST:
+            if not self.grown > DIVERGED:  # a number spoilt from outside, or a load that is none
                 raise
             text = f"after {state.iteration} iterations {str(error).rstrip('.')}"
             raise NotConverged(describe_divergence(self.forces.model, text)) from error
+        self.first = self.first or sums.residual
+        self.grown = sums.residual / self.first if self.first else 0.0
+        return sums
 
     def _evaluate(self, state: State, external: np.ndarray, load: float, failure: Failure | None) -> Sums:
         forces = self.forces
