@@ -263,7 +263,12 @@ def _program(draw: Draw, deck: dict) -> None:
     # residuals of several materials stop at the round-off of the stiffest
     deck["solver"] = {"kind": "cg", "tolerance": 1e-8 if "materials" in deck else 1e-9 if finite else 1e-10}
     bonds, fitted = "peridynamics" in deck, deck.get("peridynamics", {}).get("surface_correction") == "fitted"
-    if bonds and not fitted and draw.chance(0.25):
+    free = sum(  # layers of bonds beyond the clamped one, whose bonds are held
+        round((region["upper"][draw.long] - max(region["lower"][draw.long], draw.at(1))) / draw.spacing)
+        for region in deck["regions"]
+        if region["model"] == "peridynamics"
+    )
+    if bonds and not fitted and free >= 2 and draw.chance(0.25):
         for table in (deck["material"], *deck.get("materials", {}).values()):
             if table.get("poissons_ratio", 0.25) == 0.25:
                 table["critical_stretch"] = LIMIT
