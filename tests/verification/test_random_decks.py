@@ -27,14 +27,17 @@ from support.transformed import Transform
 from verification.bodies import bond_list, build
 
 SEEDS = range(64)
-DEFAULT = (0, 3, 5, 11, 14, 30, 35, 61)
+DEFAULT = (0, 3, 5, 13, 14, 30, 39, 61)
 #: Residual in the other evaluation over the sums of the magnitudes of its parts: bond constants are float32, 6e-8.
 RESIDUAL = 2e-8
 #: Energy over work in linear statics by the program's own numbers, and by those of the other evaluation (float32).
 ENERGY, ENERGY_OF_FLOAT32 = 1e-8, 1e-7
 BALANCE = 1e-10
-#: The same answer in other units, elsewhere, and mirrored.
-SAME = 1e-8
+#: The same answer in other units, elsewhere, and mirrored; where a deck's own tolerance is not below that, another
+#: place may cost an iteration more or less, and the answer is as good as a few tolerances.
+SAME, TOLERANCES = 1e-8, 10.0
+#: Load factor at which the first bond is about to break: finite kinematics bracket it to 1e-6.
+LOAD = 1e-6
 #: Displacements of relaxation to a residual of 1e-9, relative to the largest: some bodies are a hundred times softer
 #: in bending than in tension.
 RELAXED, RELAXED_TOLERANCE = 1e-5, 1e-9
@@ -220,9 +223,10 @@ def test_the_same_answer_in_other_units_elsewhere_and_mirrored(seed, kind):
     }[kind]
     other = solve(transform.scene(solved.scene, folder()))
     assert other.row is not None, other.reason
-    assert other.row.load_factor == pytest.approx(solved.row.load_factor, rel=SAME)
+    assert other.row.load_factor == pytest.approx(solved.row.load_factor, rel=LOAD)
+    same = max(SAME, TOLERANCES * solved.scene.solver.tolerance)
     for x, u, y, v in zip(*placed(solved), *placed(other), strict=True):
         there = transform.positions(x)
         distance, index = cKDTree(y).query(there)
         assert distance.max() <= 1e-6 * transform.length * cell
-        assert np.abs(v[index] - transform.displacements(u)).max() <= SAME * np.abs(v).max()
+        assert np.abs(v[index] - transform.displacements(u)).max() <= same * np.abs(v).max()
