@@ -32,6 +32,7 @@ from pdfem_mpi.peridynamics.bonds import Bonds, Points, cut_bonds, fictitious_ma
 from pdfem_mpi.peridynamics.damage import family_weights
 from pdfem_mpi.peridynamics.fit.fit import BodyFit, fit_body
 from pdfem_mpi.peridynamics.images import Images, MirroredHalo
+from pdfem_mpi.peridynamics.stable_masses import relaxes, stable_densities
 from pdfem_mpi.system.heap import large_arrays_together
 
 if TYPE_CHECKING:
@@ -163,6 +164,8 @@ class Model:
         What the scene has; the same parts on every rank, though a rank's share may be empty.
     mass : float64, shape (n_unknowns,), dimension force / length
         Fictitious masses (eqs 11, 22) of the unknowns: free points in cluster layout, then owned nodes.
+    raised_masses : int
+        Points of the whole body whose masses are above those of eq. (11), which do not bound its stiffness.
     correction_remaining : float
         Largest ``|G / g_inf - 1|`` of the surface correction before its last sweep.
     body_fit : BodyFit or None
@@ -193,6 +196,7 @@ class Model:
     mirrors: Mirrors
     rollers: np.ndarray
     intact_weights: np.ndarray | None = None
+    raised_masses: int = 0
 
     @property
     def finite(self) -> bool:
@@ -269,7 +273,7 @@ def build_model(
         elements = _make_elements(discretization, subdomain, local, comm, scene.kinematics == "finite")
     if discretization.is_overlap.any():
         overlap = Overlap(local[discretization.mesh.cells[subdomain.overlap]])
-    mass = _masses(comm, points, bonds, nodes, elements, overlap)
+    mass, raised = _masses(comm, points, bonds, nodes, elements, overlap, relaxes(scene))
     return Model(
         comm=comm,
         units=discretization.units,
@@ -287,7 +291,18 @@ def build_model(
         mirrors=discretization.mirrors,
         rollers=_rollers(discretization, subdomain, points, nodes),
         intact_weights=intact_weights,
+        raised_masses=raised,
     )
+
+
+def with_stable_masses(model: Model) -> Model:
+    """The same model with masses for relaxation, as its bonds are now. Collective.
+
+    They depend on nothing but the surviving bonds, so that a run that goes on from a checkpoint finds the same.
+    """
+    parts = model.points, model.bonds, model.nodes, model.elements, model.overlap
+    mass, raised = _masses(model.comm, *parts, True)
+    return replace(model, mass=mass, raised_masses=raised)
 
 
 def build_intact_elements(discretization: Discretization, model: Model) -> Model:
@@ -449,15 +464,19 @@ def _make_elements(discretization: Discretization, subdomain: Subdomain, local, 
     return Elements(tuple(shared), general, float(largest(comm, np.array([bound]))[0]), turning)
 
 
-def _masses(comm, points, bonds, nodes, elements, overlap) -> np.ndarray:
-    """Fictitious masses of the unknowns.
+def _masses(comm, points, bonds, nodes, elements, overlap, stable) -> tuple[np.ndarray, int]:
+    """Fictitious masses of the unknowns, and how many points have more than eq. (11) gives them.
 
     A node of the overlap carries the lumped densities of its points, ``sum_p N_I(x_p) lambda_p w_p``: by Gershgorin
     this bounds the stiffness N^T K N that it feels, as (22) does for the elements that have an internal force.
+    ``stable``: with the densities of `stable_densities`; where nothing relaxes they are left out, and so is their time.
     """
-    parts = []
+    parts, raised = [], 0
     if points:
         densities = fictitious_masses(points, bonds)
+        if stable:
+            found = stable_densities(comm, points, bonds, densities)
+            densities, raised = found.values, found.raised
         parts.append(np.repeat(densities.reshape(-1, 1, W)[: 2 * points.n_free], 3, axis=1).reshape(-1))
     if nodes:
         contributions = []
@@ -471,7 +490,7 @@ def _masses(comm, points, bonds, nodes, elements, overlap) -> np.ndarray:
                 lumped += SHAPE_AT_GAUSS[p] * density[:, p, None]
             contributions.append((overlap.connectivity, np.repeat(lumped[:, :, None], 3, axis=2)))
         parts.append(assemble(comm, nodes, contributions, 3).reshape(-1))
-    return np.concatenate(parts)
+    return np.concatenate(parts), raised
 
 
 def assemble(comm, nodes: Nodes, contributions, width: int) -> np.ndarray:

@@ -25,6 +25,7 @@ from pdfem_mpi.kernels import (
     relaxation,
     surface_correction,
     turning_elements,
+    weighted_blocks,
 )
 
 MODULES = (
@@ -46,6 +47,7 @@ MODULES = (
     relaxation,
     surface_correction,
     turning_elements,
+    weighted_blocks,
 )
 
 
@@ -80,6 +82,7 @@ NEEDED_BY = {
     surface_correction: {"correction"},
     turning_elements: {"turning"},
     turning_elements.add_tangent: {"turning", "cg"},
+    weighted_blocks: {"bonds", "adr"},
 }
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
 from pdfem_mpi.model.forces import Forces, NotFinite
+from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.parts import describe_motion
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import sum_integers
@@ -21,7 +22,7 @@ from pdfem_mpi.solvers.convergence import Convergence, NotConverged, Progress
 
 #: A damping coefficient of 2 or more would reverse velocities (eq. 33): it is set to this instead.
 LARGEST_DAMPING = 1.9
-#: A residual this many times the reference is beyond recovery.
+#: A residual this many times the reference, or the load (reactions grow as residuals do), is beyond recovery.
 DIVERGED = 1e8
 
 N_SUMS = 4
@@ -39,6 +40,21 @@ def damping_coefficient(work: float, square: float) -> float:
         return 0.0
     damping = 2.0 * math.sqrt(work / square)
     return damping if damping < 2.0 else LARGEST_DAMPING
+
+
+def describe_divergence(model: Model, found: str) -> str:
+    """What to say of a relaxation that diverged: what was found, why that can be, and a remedy."""
+    if model.bonds and model.bonds.finite:
+        cause = (
+            "The masses bound the stiffness of the body at rest; with much stretch between them bonds get stiffer. "
+            'Raise the load in smaller steps (stepping), or use solver.kind = "cg".'
+        )
+    else:
+        cause = (
+            "The masses bound the stiffness of any body, so that only bond factors of negative sign make it grow: use "
+            'peridynamics.signs = "bounded", or solver.kind = "cg".'
+        )
+    return f"relaxation diverged: {found}. {cause}"
 
 
 @dataclass(frozen=True)
@@ -75,6 +91,10 @@ class Relaxation:
     ----------
     force : float64, shape (n_unknowns,)
         Residual force of the last evaluation.
+    first : float, dimension force
+        Norm of the first residual force that was not 0.
+    grown : float, dimension 1
+        That of the last one, relative to the first.
     """
 
     def __init__(self, forces: Forces, fixed: np.ndarray, pauses: Pauses | Never = NEVER):
@@ -82,6 +102,7 @@ class Relaxation:
         self.forces, self.pauses, self.wishes = forces, pauses, (0, 0)
         self.inverse_mass = np.where(fixed | (mass == 0.0), 0.0, 1.0 / np.maximum(mass, 1e-300))
         self.force = np.empty_like(mass)
+        self.first = self.grown = 0.0
         self.root_share = np.sqrt(forces.model.share) if len(forces.model.rollers) else None
 
     def evaluate(
@@ -92,8 +113,22 @@ class Relaxation:
         Raises
         ------
         NotFinite
-            On all ranks alike.
+            On all ranks alike: what the relaxation began with.
+        NotConverged
+            On all ranks alike: what it made of it.
         """
+        try:
+            sums = self._evaluate(state, external, load, failure)
+        except NotFinite as error:
+            if not self.grown > DIVERGED:  # a number spoilt from outside, or a load that is none
+                raise
+            text = f"after {state.iteration} iterations {str(error).rstrip('.')}"
+            raise NotConverged(describe_divergence(self.forces.model, text)) from error
+        self.first = self.first or sums.residual
+        self.grown = sums.residual / self.first if self.first else 0.0
+        return sums
+
+    def _evaluate(self, state: State, external: np.ndarray, load: float, failure: Failure | None) -> Sums:
         forces = self.forces
         u, v, previous_force = state.u, state.v, state.previous_force
         while True:
@@ -175,12 +210,11 @@ def solve(
         watch(Progress(state.iteration, sums.relative, sums.damping, (relaxation,)))
         if sums.relative <= tolerance:
             return Convergence(used, sums.relative)
-        if sums.relative > DIVERGED:
-            raise NotConverged(
-                f"relaxation diverged: the relative residual is {sums.relative:.3g} after {used} evaluations. Eq. (11) "
-                'does not bound every body (rods one cell thick, for one): solver.kind = "cg" does not need it. '
-                f"Still moving: {describe_motion(forces.model, state.v)}."
-            )
+        if sums.relative > DIVERGED or sums.residual > DIVERGED * load > 0.0:
+            times = max(sums.residual / (load or math.inf), sums.relative)
+            text = f"after {used} evaluations the residual is {times:.3g} times the load"
+            text += f". Still moving: {describe_motion(forces.model, state.v)}"
+            raise NotConverged(describe_divergence(forces.model, text))
         if used >= max_evaluations:
             raise NotConverged(
                 f"solver.max_evaluations = {max_evaluations} were used up at a relative residual of "

@@ -12,9 +12,11 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.scene import Solver as Settings
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
+from pdfem_mpi.model.model import with_stable_masses
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.stop_requests import NEVER, Never, Pauses
 from pdfem_mpi.peridynamics.failure import Broken
+from pdfem_mpi.peridynamics.stable_masses import describe_raised
 from pdfem_mpi.solvers import adr, cg
 from pdfem_mpi.solvers.convergence import Breakdown, Convergence, Progress
 from pdfem_mpi.solvers.preconditioner.preconditioner import Preconditioner, make_preconditioner
@@ -60,6 +62,8 @@ class EquilibriumSolver:
             state.iteration = state.spent = 0
             state.v[:] = 0.0
             program["relaxing"] = 1
+        if self.preconditioner:
+            self.forces.model = with_stable_masses(self.forces.model)
         convergence = adr.solve(*common, watch, self.pauses)
         program["relaxing"] = 0
         return convergence
@@ -79,7 +83,9 @@ def make_solver(
     pauses: Pauses | Never = NEVER,
 ) -> EquilibriumSolver:
     """The scene's solver, set up. Collective."""
-    preconditioner = None
+    preconditioner, model = None, forces.model
+    if model.raised_masses:
+        note(describe_raised(model.raised_masses, 8 * discretization.n_point_cells))
     if scene.solver.kind == "cg":
-        preconditioner = make_preconditioner(discretization, forces.model, case, forces.bounds)
+        preconditioner = make_preconditioner(discretization, model, case, forces.bounds)
     return EquilibriumSolver(forces, case, scene.solver, preconditioner, note, pauses)

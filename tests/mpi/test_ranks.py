@@ -307,10 +307,13 @@ def test_bonds_between_materials_do_not_depend_on_the_number_of_ranks(comm):
     assert_all(comm, (found == expected).all() and found[1, 2] > 0, "bonds are lost or counted twice")
 
 
-def test_masses_do_not_depend_on_the_number_of_ranks(comm):
+@pytest.mark.parametrize("cells", [(9, 3, 2), (12, 1, 1)], ids=["bar", "rod, with raised masses"])
+def test_masses_do_not_depend_on_the_number_of_ranks(comm, cells):
     """Eqs 11 and 22, and the lumped densities of the overlap, node by node and point by point."""
-    scene = make_scene((9, 3, 2), 4, coupling="paper_a")
+    scene = make_scene(cells, 4, coupling="paper_a")
     alone, ours = build(scene, mpi().COMM_SELF).model, build(scene, comm).model
+    assert_all(comm, ours.raised_masses == alone.raised_masses, "another number of raised masses")
+    assert_all(comm, (ours.raised_masses > 0) == (cells[1] == 1), "raised masses")
 
     def by_number(model):
         n = 3 * model.unknowns.n_points

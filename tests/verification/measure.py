@@ -8,6 +8,7 @@ import numpy as np
 
 from pdfem_mpi.deck.scene import Crack, Output
 from pdfem_mpi.measure.fields import gather_damage, point_positions
+from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.peridynamics.bonds import cut_bonds
 from verification.bodies import bond_list, build, make_scene
 
@@ -32,6 +33,28 @@ def largest_eigenvalue(body, mass=None):
         quotient = (x * weights) @ y / ((x * weights) @ x)
         x = y / np.abs(y).max()
     return quotient
+
+
+def dense_stiffness(body):
+    """The whole stiffness of a small body at rest, (n_unknowns, n_unknowns), column by column from its forces."""
+    model = body.model
+    n, rest = model.n_unknowns, np.zeros(model.n_unknowns)
+    forces = Forces(model, tangent=bool(model.bonds and model.bonds.finite))
+    if forces.tangent:
+        forces.linearise(rest, 0.0)
+    stiffness, column = np.empty((n, n)), np.empty(n)
+    for k in range(n):
+        moved = rest.copy()
+        moved[k] = 1.0
+        forces.evaluate_surely(moved, rest, column)
+        stiffness[:, k] = -column
+    return 0.5 * (stiffness + stiffness.T)
+
+
+def spectrum(body, mass=None):
+    """All eigenvalues of ``M^-1 K`` at rest, rising; rollers of mirror planes held."""
+    root = 1.0 / np.sqrt(body.model.mass if mass is None else mass)
+    return np.linalg.eigvalsh(root[:, None] * dense_stiffness(body) * root)
 
 
 def lattice_constants(body):

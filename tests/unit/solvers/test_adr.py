@@ -154,6 +154,21 @@ def test_diverging_relaxation_is_ended_early():
     assert body.forces.evaluations < 500
 
 
+@pytest.mark.parametrize("prescribed", [False, True], ids=["loads", "displacements"])
+@pytest.mark.parametrize("kinematics", ["linear", "finite"])
+def test_diverging_relaxation_is_told_with_a_remedy(kinematics, prescribed):
+    """Reactions grow as fast as residuals do, and with prescribed displacements there is no load to compare with."""
+    held = Support(face="x-", x=0.0, y=0.0, z=0.0)
+    supports = (held, Support(face="x+", x=1e-3)) if prescribed else (held,)
+    load = BodyForce(kind="body_force", face="x+", total=(0.1, 0.01, 0.0))
+    body = body_of("peridynamics", kinematics=kinematics, supports=supports, loads=() if prescribed else (load,))
+    body.state.u[body.case.fixed] = body.case.prescribed[body.case.fixed]
+    body.forces.model = dataclasses.replace(body.model, mass=0.2 * body.model.mass)
+    with pytest.raises(NotConverged, match="relaxation diverged: after") as found:
+        relax(body)
+    assert 'or use solver.kind = "cg"' in str(found.value) or 'or solver.kind = "cg"' in str(found.value)
+
+
 def test_fixed_unknowns_keep_their_displacements_bit_for_bit():
     body = body_of(
         "coupled",

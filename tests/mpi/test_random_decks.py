@@ -1,0 +1,47 @@
+"""Decks drawn from seeds: displacements and every digit of the history are the same on any number of ranks."""
+
+import csv
+import json
+from pathlib import Path
+from unittest.mock import patch
+
+import pytest
+
+from helpers import assert_all
+from pdfem_mpi.deck.toml import write_deck
+from pdfem_mpi.parallel.comm import broadcast, mpi
+from pdfem_mpi.run.run import run
+from support.random_decks import random_scene
+from verification.bodies import Silence
+
+pytestmark = pytest.mark.mpi(min_size=2)
+
+DEFAULT = (3, 5, 30, 39)
+SEEDS = [pytest.param(seed, marks=() if seed in DEFAULT else pytest.mark.slow) for seed in range(64)]
+
+
+def results(scene, comm, out: Path):
+    """Exit code, digest of the fields and the history as it is written, on all ranks. Collective."""
+    with patch("pdfem_mpi.run.run.warm_up"), patch("pdfem_mpi.run.run.fit_folders", lambda out: (out,)):
+        code = run(scene, comm, out, write_deck(scene), True, Silence())
+    found = None
+    if comm.rank == 0:
+        summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+        rows = list(csv.DictReader((out / "history.csv").read_text(encoding="utf-8").splitlines()))
+        found = summary["fields_sha256"], [{n: row[n] for n in row if n != "wall_seconds"} for row in rows]
+    return code, *broadcast(comm, found)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_results_do_not_depend_on_the_number_of_ranks(comm, mpi_tmp_path, seed):
+    folder = mpi_tmp_path / f"group_{broadcast(comm, mpi().COMM_WORLD.rank)}"
+    if comm.rank == 0:
+        folder.mkdir(parents=True, exist_ok=True)
+        random_scene(seed, folder)
+    comm.Barrier()
+    scene = random_scene(seed, folder / f"rank_{comm.rank}") if comm.rank else random_scene(seed, folder)
+    scene = broadcast(comm, scene)
+    alone = results(scene, mpi().COMM_SELF, folder / "alone") if comm.rank == 0 else None
+    alone = broadcast(comm, alone)
+    together = results(scene, comm, folder / "together")
+    assert_all(comm, together == alone, f"seed {seed}: {together[0]}, {alone[0]}")
