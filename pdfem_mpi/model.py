@@ -13,6 +13,7 @@ from pdfem_mpi.body_fit import BodyFit, fit_body
 from pdfem_mpi.bonds import Bonds, Points, cut_bonds, fictitious_masses, make_bonds, pattern_for, perturbed
 from pdfem_mpi.damage import family_weights
 from pdfem_mpi.discretization import Discretization, ModelUnits
+from pdfem_mpi.fracture_energy import energy_of_own_bonds
 from pdfem_mpi.heap import large_arrays_together
 from pdfem_mpi.hex8 import SHAPE_AT_GAUSS, gauss_positions, gauss_volumes
 from pdfem_mpi.images import Images, MirroredHalo
@@ -154,6 +155,8 @@ class Model:
         the mirror image of the body.
     intact_weights : int64, shape (n_owned, 8), or None
         Denominators of the local damage (eq. 5), where the deck asks for it.
+    own_energy : float64, shape (n_materials, 3), dimension force / length, or None
+        What `energy_of_own_bonds` says of the body before cracks, where bonds can break.
     """
 
     comm: Intracomm
@@ -172,6 +175,7 @@ class Model:
     mirrors: Mirrors
     rollers: np.ndarray
     intact_weights: np.ndarray | None = None
+    own_energy: np.ndarray | None = None
 
     @property
     def n_point_unknowns(self) -> int:
@@ -221,7 +225,7 @@ def build_model(
     owner = partition(discretization, comm.size)
     subdomain = cut_out(discretization, owner, comm.rank)
     points = bonds = nodes = elements = overlap = body_fit = None
-    remaining, cut, intact_weights = 0.0, [], None
+    remaining, cut, intact_weights, own_energy = 0.0, [], None, None
     if discretization.has_points.any():
         points = _make_points(discretization, subdomain, comm)
         finite = scene.peridynamics.kinematics == "finite"
@@ -242,6 +246,8 @@ def build_model(
             bonds = perturbed(points, bonds, scene.peridynamics.stiffness_noise, scene.peridynamics.seed)
         if scene.output.damage:
             intact_weights = family_weights(comm, points, bonds)
+        if scene.can_fail:
+            own_energy = energy_of_own_bonds(comm, scene, discretization, subdomain.point_cells, points, bonds)
         for crack in scene.cracks:
             corners = (np.array(crack.polygon) - discretization.units.origin) / discretization.units.length
             normal, _ = polygon_normal(crack.polygon)
@@ -271,6 +277,7 @@ def build_model(
         mirrors=discretization.mirrors,
         rollers=_rollers(discretization, subdomain, points, nodes),
         intact_weights=intact_weights,
+        own_energy=own_energy,
     )
 
 

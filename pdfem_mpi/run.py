@@ -24,7 +24,8 @@ from pdfem_mpi.components import describe_loose
 from pdfem_mpi.damage import Remaining
 from pdfem_mpi.discretization import Discretization, ModelUnits, discretize, make_mesh
 from pdfem_mpi.element_rotations import TOLD, describe_rotation, largest_rotation
-from pdfem_mpi.failure import Failure, describe_criterion, make_failure
+from pdfem_mpi.failure import Failure, make_failure
+from pdfem_mpi.failure_notes import criteria, describe_criterion, failure_summary
 from pdfem_mpi.fields import Fields, digest_fields, fields_sha256, gather_damage, gather_fields, point_positions
 from pdfem_mpi.fingerprint import identity
 from pdfem_mpi.forces import Forces, NotFinite
@@ -256,6 +257,7 @@ class _Run:
         self.energy_error: float | None = None
         self.smallest_eigenvalue: float | None = None
         self.stable: bool | None = None
+        self.failure_numbers: dict[str, Any] | None = None
         self.probes: dict[str, Any] = {}
         self.parts: dict[str, int] = {}
         self.bar: Bar | None = None
@@ -334,7 +336,9 @@ class _Run:
             tell(f"mirror planes {_describe_mirrors(scene)}; forces and counts are those of this part")
         for note in model.body_fit.notes if model.body_fit else ():
             tell(note)
-        for note in describe_criterion(failure):
+        found = criteria(scene, discretization, model)
+        self.failure_numbers = failure_summary(scene, discretization, failure, found)
+        for note in describe_criterion(scene, discretization, failure, found):
             tell(note)
         free = scene.peridynamics.signs == "free"
         fitted = model.body_fit and model.body_fit.fit and solve.preconditioner and not start.path
@@ -631,6 +635,7 @@ class _Run:
                 "remaining": model.correction_remaining if discretization.cutoff else None,
                 "fit": _fit_report(model.body_fit, self.smallest_eigenvalue, self.stable),
             },
+            "failure": self.failure_numbers,
             "bonds_cut_by_cracks": list(model.cut),
             "parts_at_start": self.parts,
             "bonds_by_materials": _named_pairs(discretization.materials.names, by_material),
