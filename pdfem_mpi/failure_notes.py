@@ -23,8 +23,8 @@ from pdfem_mpi.materials import bond_stretches, materials_of
 from pdfem_mpi.model import Model
 from pdfem_mpi.scene import Scene
 
-#: Depth of an overlap, in internal lengths, below which bonds into it stretch noticeably further than others: 1.0 times
-#: as far at depth 1, 1.3 at 2/3, 2.1 at 1/2 (a strip with a hole, appendix A).
+#: Depth of an overlap, in internal lengths, below which bonds into it stretch noticeably further than others: 0.9 times
+#: as far at depth 1, 1.3 at 2/3, 2.0 at 1/2, 3.9 at 1/3 (docs/failure.md).
 SHALLOW = 1.0 - 1e-9
 
 
@@ -146,7 +146,7 @@ def _shallow_overlap(scene: Scene, discretization: Discretization) -> Iterator[s
     unit = discretization.units.length
     yield (
         f"note: bonds may break that reach into the overlap, which is {depth * unit:.4g} deep and shallower than the "
-        f"internal length {unit:.6g}: they stretch up to twice as far as others. Use coupling.overlap = "
+        f"internal length {unit:.6g}: they stretch further than others, twice as far in an overlap half as deep. Use coupling.overlap = "
         f"{math.ceil(SHALLOW / edge)}, or a band of peridynamics with may_fail = false as wide as the cutoff radius "
         "beside the elements."
     )
