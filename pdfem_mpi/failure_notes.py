@@ -146,9 +146,9 @@ def _shallow_overlap(scene: Scene, discretization: Discretization) -> Iterator[s
     unit = discretization.units.length
     yield (
         f"note: bonds may break that reach into the overlap, which is {depth * unit:.4g} deep and shallower than the "
-        f"internal length {unit:.6g}: they stretch further than others, twice as far in an overlap half as deep. Use coupling.overlap = "
-        f"{math.ceil(SHALLOW / edge)}, or a band of peridynamics with may_fail = false as wide as the cutoff radius "
-        "beside the elements."
+        f"internal length {unit:.6g}: they stretch further than others, twice as far in an overlap half as deep. Use "
+        f"coupling.overlap = {math.ceil(SHALLOW / edge)}, or a band of peridynamics with may_fail = false as wide as "
+        "the cutoff radius beside the elements."
     )
 
 

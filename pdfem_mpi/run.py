@@ -22,7 +22,7 @@ from pdfem_mpi.body_fit import EXPECTED_SWEEPS, SWEEP_RATE, BodyFit
 from pdfem_mpi.bonds import count_by_material, total_bonds
 from pdfem_mpi.components import describe_loose
 from pdfem_mpi.damage import Remaining
-from pdfem_mpi.discretization import Discretization, ModelUnits, discretize, make_mesh
+from pdfem_mpi.discretization import Discretization, ModelUnits, describe_cracked_overlap, discretize, make_mesh
 from pdfem_mpi.element_rotations import TOLD, describe_rotation, largest_rotation
 from pdfem_mpi.failure import Failure, make_failure
 from pdfem_mpi.failure_notes import criteria, describe_criterion, failure_summary
@@ -357,6 +357,8 @@ class _Run:
         for index, cut in enumerate(model.cut):
             text = f"cuts {cut:,} bonds" if cut else "cuts no bond: it does not pass through peridynamic cells"
             tell(f"cracks.{index} {text}")
+        for text in describe_cracked_overlap(scene, discretization):
+            tell(text)
         by_material = count_by_material(comm, model.bonds) if model.bonds else None
         for text in _interfaces_without_bonds(scene, discretization, by_material):
             tell(text)

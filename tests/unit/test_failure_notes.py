@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from pdfem_mpi.discretization import describe_cracked_overlap, discretize
 from pdfem_mpi.failure import make_failure
 from pdfem_mpi.failure_notes import criteria, describe_criterion, failure_summary
-from pdfem_mpi.scene import BoxMesh, Coupling, Material, Peridynamics, Region, Units
+from pdfem_mpi.scene import BoxMesh, Crack, Material, Peridynamics, Region, Units
 from verification.bodies import bond_list, box_regions, build, make_scene
 from verification.failing import EDGE, STRETCH, strip
 from verification.measure import GAPS, release_rate_inside, released
@@ -157,4 +158,15 @@ def test_a_shallow_overlap_is_told():
     mesh = scene.mesh.model_copy(update={"upper": (11.0, 3.0, 3.0)})
     scene = scene.model_copy(update={"regions": (scene.regions[0], band, far), "mesh": mesh})
     assert notes(scene) == []
-    assert Coupling().overlap == 1
+
+
+def test_a_crack_through_the_overlap_is_told():
+    """Its points follow element nodes: with the cells and the remedy; not where it ends at the interface."""
+    told = []
+    for end in (3.2, 4.0 + 1e-3):
+        polygon = ((end, 1.5, -1.0), (6.0, 1.5, -1.0), (6.0, 1.5, 4.0), (end, 1.5, 4.0))
+        scene = coupled().model_copy(update={"cracks": (Crack(polygon=polygon),)})
+        told.append(describe_cracked_overlap(scene, discretize(scene)))
+    ((warning,), none) = told
+    assert warning.startswith("warning: cracks.0 passes through 3 cells of the overlap, the first ")
+    assert warning.endswith("End it at the interface.") and none == []
