@@ -1,6 +1,7 @@
-"""Peaks of stable states: a tenfold tighter tolerance, and mirror planes in place of three quarters, change nothing.
+"""Peaks of stable states: a tenfold tighter tolerance changes nothing, nor do mirror planes in place of three quarters.
 
-Residuals of 1e-3 alone let the plate's quarter with "virial" carry 2 % more than it can (docs/failure.md).
+Residuals of 1e-3 alone let the plate's quarter with "virial" carry 2 % more than it can. Under energy control whole and
+part are not compared: the whole plate with a crack leaves the way of its quarter, at any tolerance (docs/failure.md).
 """
 
 import pytest
@@ -43,10 +44,11 @@ def peak(scene, tolerance=None):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_peaks_of_the_default_tolerance(name):
-    """Within 0.1 % of a tolerance ten times tighter, and of twice that of a quarter."""
+    """Within 0.1 % of a tolerance ten times tighter; at a held load the whole's is twice that of a quarter."""
     deck, overrides = CASES[name]
     scene = read(deck, overrides)
     quarter = part(scene, MIRRORS[deck])
     found = peak(quarter)
     assert peak(quarter, 0.1 * scene.stepping.arrest_tolerance) == pytest.approx(found, rel=PEAK)
-    assert peak(scene) == pytest.approx(2.0 * found, rel=PEAK)
+    if scene.stepping.control == "load":
+        assert peak(scene) == pytest.approx(2.0 * found, rel=PEAK)
