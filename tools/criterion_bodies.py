@@ -196,9 +196,9 @@ class Ruled(Failure):
         parts = zip(self.bonds.stretches(S), self.inverse, weights, self.left, strict=True)
         return [s * inverse * weight * left for s, inverse, weight, left in parts]
 
-    def largest_ratio(self, model, S):
+    def largest_ratio(self, model, S, most=np.inf):
         """By the rule."""
-        return max(float(ratios.max(initial=0.0)) for ratios in self._ratios(S, self.telling))
+        return max(float(ratios[ratios <= most].max(initial=0.0)) for ratios in self._ratios(S, self.telling))
 
     def break_at(self, model, S, margin: float) -> None:
         """Break what the rule breaks at the table, if a bond that tells is critical."""

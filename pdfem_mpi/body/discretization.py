@@ -11,6 +11,7 @@ subtraction.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -424,17 +425,40 @@ def _check_joints(scene: Scene, materials: MaterialTable, material: np.ndarray, 
 
 def _check_cracks(scene: Scene, mesh: HexMesh, joints: np.ndarray) -> None:
     """Refuse cracks through the cells of joints: no cut of bonds parts points that follow common nodes."""
-    messages = []
+    messages = [
+        f"cracks.{index}.polygon passes through {np.count_nonzero(hit)} cells by which "
+        'peridynamics.surface_correction = "fitted" joins bonds to others, or to elements, of another '
+        f"stiffness, the first {_places(mesh, hit)}: their points follow common nodes, which no crack parts. "
+        'End it a cell before the interface, or use "virial".'
+        for index, hit in _cracked(scene, mesh, joints)
+    ]
+    if messages:
+        raise SceneError(messages)
+
+
+def describe_cracked_overlap(scene: Scene, discretization: Discretization) -> list[str]:
+    """Sentences about cracks through the overlap, which cut bonds and part nothing."""
+    mesh = discretization.mesh
+    return [
+        f"warning: cracks.{index} passes through {np.count_nonzero(hit)} cells of the overlap, the first "
+        f"{_places(mesh, hit)}: their points follow element nodes, so that it cuts bonds there and does not open. End "
+        "it at the interface."
+        for index, hit in _cracked(scene, mesh, discretization.is_overlap)
+    ]
+
+
+def _cracked(scene: Scene, mesh: HexMesh, following: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Cracks through cells whose points follow nodes: their number, and the cells; bool, shape (n_cells,)."""
     for index, crack in enumerate(scene.cracks):
         corners = np.array(crack.polygon)
         margin = mesh.largest_edge
-        near = joints & mesh.cells_in_box(corners.min(axis=0) - margin, corners.max(axis=0) + margin)
+        near = following & mesh.cells_in_box(corners.min(axis=0) - margin, corners.max(axis=0) + margin)
         if not near.any():
             continue
         cells, faces = np.flatnonzero(near), match_faces(mesh, near)
         points = gauss_positions(mesh.nodes[mesh.cells[cells]])
         one, two = (np.repeat(k, len(cells)) for k in _POINT_EDGES.T)
-        hit = np.zeros(len(joints), bool)
+        hit = np.zeros(len(following), bool)
         place = np.tile(np.arange(len(cells)), len(_POINT_EDGES))
         hit[cells[place[cross_polygon(crack.polygon, points[place, one], points[place, two])]]] = True
         ends = np.stack([cells[faces.one // 6], cells[faces.two // 6]], axis=1)
@@ -442,14 +466,7 @@ def _check_cracks(scene: Scene, mesh: HexMesh, joints: np.ndarray) -> None:
         start, stop = mesh.centroids[ends[:, 0]] + reach, mesh.centroids[ends[:, 1]] - reach
         hit[ends[cross_polygon(crack.polygon, start, stop)]] = True
         if hit.any():
-            messages.append(
-                f"cracks.{index}.polygon passes through {np.count_nonzero(hit)} cells by which "
-                'peridynamics.surface_correction = "fitted" joins bonds to others, or to elements, of another '
-                f"stiffness, the first {_places(mesh, hit)}: their points follow common nodes, which no crack parts. "
-                'End it a cell before the interface, or use "virial".'
-            )
-    if messages:
-        raise SceneError(messages)
+            yield index, hit
 
 
 def _find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray, stays: np.ndarray | bool = False) -> np.ndarray:

@@ -52,6 +52,11 @@ class Subdomain:
     ghost_nodes: np.ndarray
     ghost_node_owner: np.ndarray
 
+    @property
+    def point_cells(self) -> np.ndarray:
+        """Cell of each local cell with points, in the order they are stored in; int64."""
+        return np.concatenate([self.free, self.overlap, self.ghosts, self.images])
+
 
 def partition(discretization: Discretization, n_parts: int) -> np.ndarray:
     """Owner of every cell of the mesh: recursive bisection, cells weighted by the cost of a force evaluation.

@@ -399,10 +399,14 @@ class Material(Table):
         """
         if self.fracture_energy is None:
             return self.critical_stretch
+        return math.sqrt(self.fracture_energy / self.energy_at_failure(1.0, internal_length, cutoff_ratio))
+
+    def energy_at_failure(self, critical_stretch: float, internal_length: float, cutoff_ratio: float) -> float:
+        """The fracture energy of the bulk whose bonds break at a stretch; dimension force / length."""
         a = min(cutoff_ratio, 30.0)  # the share is 1 from 6 on, and powers of large ratios are not finite
         share = math.erf(a) - 2.0 / math.sqrt(math.pi) * math.exp(-a * a) * (2.0 / 3.0 * a**3 + a)
         whole = 27.0 * math.sqrt(math.pi) / 16.0 * self.bulk_modulus * internal_length
-        return math.sqrt(self.fracture_energy / (whole * share))
+        return whole * share * critical_stretch**2
 
     @property
     def bulk_modulus(self) -> float:
@@ -466,8 +470,9 @@ class Region(Table):
         out of those without.
     axis : "x", "y", "z" or None
         With a radius: a cylinder about this axis instead of a ball.
-    may_fail : bool
-        False: bonds with an end in this region never break.
+    may_fail : bool or None
+        False: bonds with an end in this region never break. None (default): they may, but for those between two points
+        of the overlap, which follow element nodes. True: these too, which a run warns of.
     set : str or None
         Or the cells of a named set of the mesh file.
     """
@@ -480,7 +485,7 @@ class Region(Table):
     centre: Vector | None = key(None, dimension="length")
     radius: float | None = key(None, gt=0, dimension="length")
     axis: Literal["x", "y", "z"] | None = key(None)
-    may_fail: bool = key(True)
+    may_fail: bool | None = key(None)
     set: str | None = key(None)
 
     def problems(self) -> list[Problem]:
@@ -829,9 +834,10 @@ class Events(Table):
     eta : float, 1e-6 to below 0.5, dimension 1
         Bonds within this fraction of their critical stretch break together with the first.
     inner_iterations : int, >= 1
-        Sweeps of relaxation between two batches of breaks in an avalanche.
+        Sweeps of relaxation between two batches of breaks in an avalanche, fewer where the residual gets to 1e-4.
     arrest_tolerance : float, above 0 and below 1, dimension 1
-        Relative residual below which a state without further breaks counts as stable.
+        Relative residual above which no state counts as stable; one below it does when a tenfold smaller residual
+        moves neither the load of the next break nor a bond to its limit (`stepping.arrest`).
     end_load_factor : float or None, > 0, dimension 1
         The run ends here; None (default): no such limit.
     end_reaction : float, above 0 and below 1, dimension 1
@@ -1031,6 +1037,11 @@ class Scene(Table):
         return self.peridynamics.kinematics or ("finite" if self.has_peridynamics else "linear")
 
     @property
+    def can_fail(self) -> bool:
+        """Whether the deck has a limit for some bond."""
+        return any(entry.can_fail for entry in (self.material, *self.materials.values(), *self.interfaces))
+
+    @property
     def is_coupled(self) -> bool:
         """Whether the scene has both descriptions."""
         return self.has_peridynamics and self.has_finite_elements
@@ -1069,7 +1080,7 @@ def _check_failure(
         return _needs_failure(
             stepping, "nothing says when bonds break. Give material.critical_stretch or material.fracture_energy."
         )
-    if not any(region.may_fail for region in bonded):
+    if all(region.may_fail is False for region in bonded):
         return [
             Problem("regions", "with peridynamics all have may_fail = false: no bond can break. Let one of them fail.")
         ]

@@ -18,7 +18,7 @@ _golden, _mix_1, _mix_2 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE
 
 
 @njit(**_options)
-def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite, nearest):
+def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite, nearest, most):
     """Largest stretch of an intact bond relative to its critical stretch.
 
     Parameters
@@ -33,6 +33,8 @@ def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite,
     finite : bool
     nearest : float, dimension length^2
         Only bonds whose squared length is above this count.
+    most : float
+        Larger ratios do not count.
 
     Returns
     -------
@@ -43,6 +45,7 @@ def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite,
     one = splat(1.0)
     tiny = splat(1e-300)
     least = splat(nearest)
+    limit = splat(most)
     top = zero
     stride = 2 * W if finite else W
     for i in range(row_start.size - 1):
@@ -65,7 +68,8 @@ def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite,
             else:
                 square = fma(gx, gx, fma(gy, gy, gz * gz))
                 s = both(work / largest(square, tiny), above(square, least))  # an empty slot may have no length
-            top = largest(both(s, intact) * splat(inverse[class_of[c], class_of[b // (9 * W)]]), top)
+            ratio = both(s, intact) * splat(inverse[class_of[c], class_of[b // (9 * W)]])
+            top = largest(both(ratio, above(limit, ratio)), top)
     return hmax(top)
 
 
@@ -287,7 +291,7 @@ _rows = (_i8, types.uint32[::1], types.float32[::1])
 _records = (types.int64[:, ::1], types.float32[:, ::1])
 SIGNATURES = {
     largest_ratio: types.float64(
-        *_rows, _f8, types.uint8[::1], types.float64[:, ::1], types.boolean, types.float64
+        *_rows, _f8, types.uint8[::1], types.float64[:, ::1], types.boolean, types.float64, types.float64
     ),
     add_energies: types.void(*_rows, _f8, types.boolean, _i8),
     broken_energies: types.void(*_records, _int, _f8, types.boolean, _f8),

@@ -31,6 +31,7 @@ from pdfem_mpi.parallel.halo import Halo, build_halo
 from pdfem_mpi.peridynamics.bonds import Bonds, Points, cut_bonds, fictitious_masses, make_bonds, pattern_for, perturbed
 from pdfem_mpi.peridynamics.damage import family_weights
 from pdfem_mpi.peridynamics.fit.fit import BodyFit, fit_body
+from pdfem_mpi.peridynamics.fracture_energy import energy_of_own_bonds
 from pdfem_mpi.peridynamics.images import Images, MirroredHalo
 from pdfem_mpi.peridynamics.stable_masses import relaxes, stable_densities
 from pdfem_mpi.system.heap import large_arrays_together
@@ -178,6 +179,8 @@ class Model:
         the mirror image of the body.
     intact_weights : int64, shape (n_owned, 8), or None
         Denominators of the local damage (eq. 5), where the deck asks for it.
+    own_energy : float64, shape (n_materials, 3), dimension force / length, or None
+        What `energy_of_own_bonds` says of the body before cracks, where bonds can break.
     """
 
     comm: Intracomm
@@ -197,6 +200,7 @@ class Model:
     rollers: np.ndarray
     intact_weights: np.ndarray | None = None
     raised_masses: int = 0
+    own_energy: np.ndarray | None = None
 
     @property
     def finite(self) -> bool:
@@ -241,7 +245,7 @@ def build_model(
     owner = partition(discretization, comm.size)
     subdomain = cut_out(discretization, owner, comm.rank)
     points = bonds = nodes = elements = overlap = body_fit = None
-    remaining, cut, intact_weights = 0.0, [], None
+    remaining, cut, intact_weights, own_energy = 0.0, [], None, None
     if discretization.has_points.any():
         points = _make_points(discretization, subdomain, comm)
         finite = scene.kinematics == "finite"
@@ -262,6 +266,8 @@ def build_model(
             bonds = perturbed(points, bonds, scene.peridynamics.stiffness_noise, scene.peridynamics.seed)
         if scene.output.damage:
             intact_weights = family_weights(comm, points, bonds)
+        if scene.can_fail:
+            own_energy = energy_of_own_bonds(comm, scene, discretization, subdomain.point_cells, points, bonds)
         for crack in scene.cracks:
             corners = (np.array(crack.polygon) - discretization.units.origin) / discretization.units.length
             normal, _ = polygon_normal(crack.polygon)
@@ -292,6 +298,7 @@ def build_model(
         rollers=_rollers(discretization, subdomain, points, nodes),
         intact_weights=intact_weights,
         raised_masses=raised,
+        own_energy=own_energy,
     )
 
 

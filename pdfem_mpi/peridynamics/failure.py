@@ -3,17 +3,23 @@
 A bond breaks for good when its stretch passes the critical one, which depends on the regions of its two points: the
 value for their two materials, infinity where one of them may not fail. The sweeps break and record bonds; the books
 gather the records: which bonds, on this rank, and the energy they had, as an exact sum over all ranks.
+
+Points of the overlap follow the nodes of elements, which hold together whatever breaks: between two of them no crack
+can open, and where the overlap is shallower than bonds are long, what is left of their families stretches several
+times as far as the material beside it. Such bonds do not break. Bonds with one end there do: it is by them that a
+free point hangs on the elements, and without them it parts from these.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.materials import bond_stretches
-from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.scene import Region, Scene, SceneError
 from pdfem_mpi.kernels import failure
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry, value
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
@@ -27,6 +33,8 @@ UNBREAKABLE = 1e100
 #: Fitted bonds up to this fraction of the mean edge of the cells with bonds set no load: where strains vary, the
 #: distance of the nearest points reads up to a third too much (docs/failure_criterion.md).
 TOO_NEAR = 0.5
+#: Classes of points that one byte tells apart.
+MOST_CLASSES = 256
 #: Records a sweep can hold before they are booked; a point with more rows gets more.
 RECORDS = 16384
 
@@ -46,7 +54,7 @@ class Failure:
     Attributes
     ----------
     class_of : uint8, shape (n_clusters,)
-        Class (the deck's region) of the points of each local cluster.
+        Class (see `point_classes`) of the points of each local cluster.
     stretch : float64, shape (n_classes, n_classes)
         Critical stretch by the classes of the two points; at least `UNBREAKABLE` if the bond does not break.
     pairs, strengths, counter
@@ -159,23 +167,23 @@ class Failure:
         self._pairs = []
         return taken
 
-    def largest_ratio(self, model: Model, S: np.ndarray) -> float:
+    def largest_ratio(self, model: Model, S: np.ndarray, most: float = math.inf) -> float:
         """Largest stretch relative to its critical one, of the intact bonds that tell at the table ``S``. Collective.
 
-        Where none of them is stretched, all tell.
+        Where none of them is stretched, all tell. Ratios above ``most`` do not count; then all bonds tell at once.
         """
         inverse = np.where(self.stretch < UNBREAKABLE, 1.0 / self.stretch, 0.0)
 
         def top(nearest):
             of_rows = (
                 failure.largest_ratio(
-                    *rows.arrays, S.reshape(-1), self.class_of, inverse, model.bonds.finite, nearest**2
+                    *rows.arrays, S.reshape(-1), self.class_of, inverse, model.bonds.finite, nearest**2, most
                 )
                 for rows in model.bonds.rows
             )
             return float(largest(model.comm, np.array([max(of_rows)]))[0])
 
-        return top(self.nearest) or top(0.0)
+        return (top(self.nearest) if most == math.inf else 0.0) or top(0.0)
 
     def broken_pairs(self) -> np.ndarray:
         """Global ids (lower, higher) of the bonds broken on this rank, int64, shape (n, 2)."""
@@ -216,17 +224,6 @@ class Failure:
         return self._total
 
 
-def describe_criterion(failure: Failure | None) -> tuple[str, ...]:
-    """What a user should know about breaking fitted bonds."""
-    if failure is None or not failure.nearest:
-        return ()
-    return (
-        'note: bonds that may break have peridynamics.surface_correction = "fitted", with which bodies carried some 15 '
-        '% more than with "virial" and some 20 % more than finer ones (docs/failure_criterion.md). Use "virial" for '
-        "peaks.",
-    )
-
-
 def nowhere() -> np.ndarray:
     """The bounding box of nothing."""
     return np.array([[np.inf] * 3, [-np.inf] * 3])
@@ -251,13 +248,12 @@ def make_failure(scene: Scene, discretization: Discretization, model: Model) -> 
     stretch = critical_stretches(scene, discretization)
     if not (stretch < UNBREAKABLE).any():
         return None
-    share = model.subdomain
-    cells = np.concatenate([share.free, share.overlap, share.ghosts, share.images])
+    cells = model.subdomain.point_cells
     most = max(int(np.diff(rows.start).max(initial=0)) for rows in model.bonds.rows)
     room = max(RECORDS, W * most)
     fitted = model.body_fit is not None and model.body_fit.fit is not None
     return Failure(
-        class_of=np.repeat(discretization.region[cells].astype(np.uint8), 2),
+        class_of=np.repeat(point_classes(scene, discretization)[cells].astype(np.uint8), 2),
         stretch=stretch,
         pairs=np.empty((room, 2), np.int64),
         strengths=np.empty((room, 2), np.float32),
@@ -272,11 +268,43 @@ def _mean_edge(discretization: Discretization) -> float:
     return HexMesh(mesh.nodes, mesh.cells[discretization.has_points]).average_edge / discretization.units.length
 
 
+def point_classes(scene: Scene, discretization: Discretization) -> np.ndarray:
+    """Class of the points of each cell, by which bonds know their critical stretch; int64, shape (n_cells,).
+
+    The cell's region. Peridynamic cells that follow nodes all the same, by which fitted factors join bodies, count as
+    a region more each: that of their cells beside them, numbered behind all regions.
+    """
+    joint = discretization.is_peridynamic & discretization.is_overlap
+    classes = discretization.region.astype(np.int64)
+    classes[joint] = len(scene.regions) + np.searchsorted(_with_joints(discretization), classes[joint])
+    return classes
+
+
+def _with_joints(discretization: Discretization) -> np.ndarray:
+    """Regions with peridynamic cells that follow nodes, rising."""
+    return np.unique(discretization.region[discretization.is_peridynamic & discretization.is_overlap])
+
+
 def critical_stretches(scene: Scene, discretization: Discretization) -> np.ndarray:
-    """Critical stretch of the bonds between points of two regions, float64, shape (n_regions, n_regions)."""
+    """Critical stretch of the bonds between points of two classes, float64, shape (n_classes, n_classes)."""
     cutoff_ratio = discretization.cutoff / (1.0 + CUTOFF_GUARD)
     of_materials = bond_stretches(scene, discretization.units.length, cutoff_ratio)
-    material = np.array([discretization.materials.names.index(region.material) for region in scene.regions])
-    may = np.array([region.may_fail for region in scene.regions])
+    regions = [*scene.regions, *(scene.regions[k] for k in _with_joints(discretization))]
+    if len(regions) > MOST_CLASSES:
+        raise SceneError([
+            f"regions are {len(scene.regions)}, and those with joints of fitted bodies count twice where bonds may "
+            f"break: {len(regions)} in all, and at most {MOST_CLASSES} can be told apart. Join some of them."
+        ])  # fmt: skip
+    material = np.array([discretization.materials.names.index(region.material) for region in regions])
+    may = np.array([region.may_fail is not False for region in regions])
+    # All points of element regions follow nodes; a deck that says so lets bonds between them break.
+    follows = np.array([k >= len(scene.regions) or r.model != "peridynamics" for k, r in enumerate(regions)])
+    allowed = ~follows | np.array([lets_overlap_fail(region) for region in regions])
     critical = np.minimum(of_materials[material[:, None], material], UNBREAKABLE)
-    return np.where(may[:, None] & may, critical, UNBREAKABLE)
+    breaks = may[:, None] & may & (~(follows[:, None] & follows) | (allowed[:, None] & allowed))
+    return np.where(breaks, critical, UNBREAKABLE)
+
+
+def lets_overlap_fail(region: Region) -> bool:
+    """Whether the deck says of a region of elements that bonds between points of its overlap may break."""
+    return region.model == "finite_elements" and region.may_fail is True

@@ -47,7 +47,7 @@ def features_of(scene: Scene) -> frozenset[str]:
     has = {
         "bonds": bonds,
         scene.kinematics: bonds,
-        "failing": bonds and can_fail(scene),
+        "failing": bonds and scene.can_fail,
         "correction": bonds and settings.surface_correction in ("appendix_a", "virial"),
         "fitted": bonds and settings.surface_correction == "fitted",
         "noise": settings.stiffness_noise > 0.0,
@@ -61,12 +61,6 @@ def features_of(scene: Scene) -> frozenset[str]:
         "turning": scene.has_finite_elements and scene.kinematics == "finite",
     }
     return frozenset(feature for feature, there in has.items() if there)
-
-
-def can_fail(scene: Scene) -> bool:
-    """Whether the deck has a limit for some bond."""
-    entries = (scene.material, *scene.materials.values(), *scene.interfaces)
-    return any(entry.critical_stretch is not None or entry.fracture_energy is not None for entry in entries)
 
 
 class Watched:
@@ -239,7 +233,7 @@ def left_out(scene: Scene, discretization: Discretization, failure: Failure | No
     if scene.peridynamics.surface_correction != "fitted":
         because(f'peridynamics.surface_correction = "{scene.peridynamics.surface_correction}"', "fitted_factors")
     if failure is None:
-        limited = can_fail(scene)
+        limited = scene.can_fail
         reason = "no region may fail" if limited else "no critical_stretch and no fracture_energy in the deck"
         because(reason, "break_check", "break_records", "broken_bonds")
     elif not failure.count:

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from pdfem_mpi import __version__
-from pdfem_mpi.body.discretization import Discretization, ModelUnits, discretize, make_mesh
+from pdfem_mpi.body.discretization import Discretization, ModelUnits, describe_cracked_overlap, discretize, make_mesh
 from pdfem_mpi.deck.scene import BarProbe, DisplacementProbe, FileMesh, LineProbe, Scene, SceneError, Steps
 from pdfem_mpi.measure.bar import Bar, bar_results, measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
@@ -34,7 +34,7 @@ from pdfem_mpi.parallel.stop_requests import Pauses, Stopped, place_of
 from pdfem_mpi.parallel.watchdog import Asleep, Watchdog, patience
 from pdfem_mpi.peridynamics.bonds import count_by_material, total_bonds
 from pdfem_mpi.peridynamics.damage import Remaining
-from pdfem_mpi.peridynamics.failure import Failure, describe_criterion, make_failure
+from pdfem_mpi.peridynamics.failure import Failure, make_failure
 from pdfem_mpi.peridynamics.fit.fit import EXPECTED_SWEEPS, SWEEP_RATE, BodyFit
 from pdfem_mpi.results.cursor import continue_frames, continue_history, flushed, set_aside, unchecked
 from pdfem_mpi.results.frame_digest import FrameDigest
@@ -45,6 +45,7 @@ from pdfem_mpi.results.ownership import RESULTS, SUMMARY
 from pdfem_mpi.results.summary import sealed, write_summary
 from pdfem_mpi.run.compilation import compile_kernels, not_compiled
 from pdfem_mpi.run.entering import Entry
+from pdfem_mpi.run.failure_notes import criteria, describe_criterion, failure_summary
 from pdfem_mpi.run.identity import identity
 from pdfem_mpi.run.memory_estimate import Need, check_mesh, check_model, resident, show_bytes
 from pdfem_mpi.run.memory_report import Watched, count_parts, describe_memory, features_of, left_out, table_of
@@ -262,6 +263,7 @@ class _Run:
         self.energy_error: float | None = None
         self.smallest_eigenvalue: float | None = None
         self.stable: bool | None = None
+        self.failure_numbers: dict[str, Any] | None = None
         self.probes: dict[str, Any] = {}
         self.parts: dict[str, int] = {}
         self.bar: Bar | None = None
@@ -356,7 +358,9 @@ class _Run:
             tell(f"mirror planes {_describe_mirrors(scene)}; forces and counts are those of this part")
         for note in model.body_fit.notes if model.body_fit else ():
             tell(note)
-        for note in describe_criterion(failure):
+        found = criteria(scene, discretization, model)
+        self.failure_numbers = failure_summary(scene, discretization, failure, found)
+        for note in describe_criterion(scene, discretization, failure, found):
             tell(note)
         free = scene.peridynamics.signs == "free"
         fitted = model.body_fit and model.body_fit.fit and solve.preconditioner and not start.path
@@ -376,6 +380,8 @@ class _Run:
         for index, cut in enumerate(model.cut):
             text = f"cuts {cut:,} bonds" if cut else "cuts no bond: it does not pass through peridynamic cells"
             tell(f"cracks.{index} {text}")
+        for text in describe_cracked_overlap(scene, discretization):
+            tell(text)
         by_material = count_by_material(comm, model.bonds) if model.bonds else None
         for text in _interfaces_without_bonds(scene, discretization, by_material):
             tell(text)
@@ -668,6 +674,7 @@ class _Run:
                 "remaining": model.correction_remaining if discretization.cutoff else None,
                 "fit": _fit_report(model.body_fit, self.smallest_eigenvalue, self.stable),
             },
+            "failure": self.failure_numbers,
             "bonds_cut_by_cracks": list(model.cut),
             "parts_at_start": self.parts,
             "bonds_by_materials": _named_pairs(discretization.materials.names, by_material),

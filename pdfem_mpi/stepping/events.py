@@ -3,7 +3,7 @@
 Between breaks a linear body answers in proportion to the load, so one equilibrium gives the load at which the next
 bond breaks. At that load all bonds within ``eta`` of their critical stretch break together, a few iterations of
 conjugate gradients relax the rest, and so on until none is left to break: loosely while the avalanche runs, tightly
-before a state counts as stable. In finite kinematics the load of the next break is found by bracketing.
+before a state counts as stable (`arrest`). In finite kinematics the load of the next break is found by bracketing.
 
 The ledger is ``W = U + D + X``: work of loads and supports, strain energy, energy of the bonds when they broke, energy
 that relaxation took out. ``W``, ``D`` and ``X`` are summed as they arise (``X`` from each step of the relaxation, by
@@ -29,6 +29,7 @@ from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers import adr, cg
 from pdfem_mpi.solvers.convergence import Breakdown, Convergence, NotConverged, Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
+from pdfem_mpi.stepping import arrest
 from pdfem_mpi.stepping.report import Report, Reporter, reaction, support_resultants
 from pdfem_mpi.stepping.steps import break_bonds
 
@@ -55,7 +56,7 @@ BRACKET, MOST_EQUILIBRIA = 1e-6, 30
 #: What ``state.program`` keeps.
 NUMBERS = (
     "work", "released", "peak", "stable", "batches", "relative", "reaction", "sweeps", "told_sweeps", "size", "adrift",
-    "cuts", "apart", "fragments", "fresh",
+    "cuts", "apart", "fragments", "fresh", *arrest.NUMBERS,
 )  # fmt: skip
 
 
@@ -97,8 +98,7 @@ def follow_events(
             return
         if settings.control == "energy":
             program["stable"] = float(not program["adrift"])
-        elif not broke and program["relative"] <= settings.arrest_tolerance:
-            program["stable"] = 1.0
+        elif program["stable"]:
             yield events.row("arrest")
         elif broke and program["batches"] % settings.report_every == 0:
             yield events.row("batch")
@@ -134,6 +134,8 @@ class _Events:
         self.residual, self.step = np.empty_like(state.u), np.zeros_like(state.u)
         self.counted = self._evaluations()
         self.loose: frozenset[str] = frozenset()
+        if "stable" in state.program:  # a checkpoint may be older than some of the numbers
+            state.program |= dict.fromkeys(NUMBERS, 0.0) | state.program
         if state.program.get("fragments"):
             self._find_loads()
 
@@ -164,6 +166,7 @@ class _Events:
             self._bracket(ratio, limit)
         else:
             self._scale(min(state.load_factor / ratio, limit))
+        arrest.forget(program)
         remove_rigid_motion(self.model, self.case, state.u)
         program["size"] = self._size(state.u)
         if state.load_factor >= limit:
@@ -180,7 +183,9 @@ class _Events:
         broke = self._evaluate(breaking=True)
         program["batches"] += broke > 0
         self.watch(Progress(int(program["batches"]), program["relative"], 0.0, (self,)))
-        if not broke and program["relative"] <= settings.arrest_tolerance:
+        by_load = settings.control == "load"
+        if not broke and (self._is_settled() if by_load else program["relative"] <= settings.arrest_tolerance):
+            program["stable"] = 1.0
             return 0
         if not broke and not program["fresh"]:
             self._refuse_stagnation(stalled)
@@ -192,7 +197,11 @@ class _Events:
             return 0
         if broke and program["fragments"] and self._take_loads_off():
             self._evaluate()
-        loosely = broke and settings.control == "load"
+        loosely = broke and by_load
+        if broke:
+            arrest.forget(program)
+        if not (program["goal"] or loosely):
+            program["goal"] = self._next_goal()
         self._relax(settings.inner_iterations - 1 if loosely else MOST_SWEEPS)
         return broke
 
@@ -253,7 +262,7 @@ class _Events:
         state, program, case = self.state, self.state.program, self.case
         if self.finite:
             self.tangent.linearise(state.u, self.forces.bounds.bond)
-        goal = SAFETY * self.settings.arrest_tolerance * self.reference
+        goal = SAFETY * (program["goal"] or arrest.LOOSE) * self.reference
         try:
             first, last = cg.improve(
                 self.tangent, self.residual, case.fixed, goal, max(sweeps, 1), self.solve.preconditioner, self.step
@@ -345,13 +354,40 @@ class _Events:
 
     def _settle(self) -> None:
         """Relax until the state is in equilibrium; the table of the forces is left at it."""
-        program = self.state.program
-        while program["relative"] > self.settings.arrest_tolerance and not program["apart"] and not program["adrift"]:
+        program, tolerance = self.state.program, self.settings.arrest_tolerance
+        looks = self.settings.control == "energy" and not self.finite  # else looked at before, or bracketed afterwards
+        while not program["apart"] and not program["adrift"]:
+            if self._is_settled() if looks else program["relative"] <= tolerance:
+                return
+            if not looks:
+                program["goal"] = self._next_goal()
             stalled, program["fresh"] = program["relative"], 0.0
             self._relax(MOST_SWEEPS)
             self._evaluate()
             if not program["apart"] and not program["fresh"]:
                 self._refuse_stagnation(stalled)
+
+    def _is_settled(self) -> bool:
+        """Whether what the residual leaves open does not matter at the state of the last evaluation. Collective."""
+        failure, table, below = self.failure, self.forces.S, 1.0 - self.settings.eta
+        ratio = failure.largest_ratio(self.model, table)
+
+        def decides(change: float) -> bool:
+            if self.settings.control == "load":  # at this load: does a bond break?
+                return ratio + change > below
+            # at the load that makes the largest critical: which bonds break with it?
+            return failure.largest_ratio(self.model, table, below * ratio + change) > below * ratio - change
+
+        return arrest.is_settled(
+            self.state.program, ratio, self.settings.arrest_tolerance, self._first_look, decides
+        )
+
+    def _next_goal(self) -> float:
+        return arrest.next_goal(self.state.program["relative"], self.settings.arrest_tolerance, self._first_look)
+
+    @property
+    def _first_look(self) -> float:
+        return arrest.LOOSE if self.settings.control == "load" else arrest.FIRST_LOOK
 
     def _refuse_stagnation(self, before: float) -> None:
         """Give up where relaxation to the end did not halve a residual that is too large."""

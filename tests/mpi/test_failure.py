@@ -9,6 +9,7 @@ from helpers import assert_all
 from pdfem_mpi.deck.scene import Ramp, Steps
 from pdfem_mpi.model import model as model_module
 from pdfem_mpi.parallel.comm import mpi
+from verification.bodies import build
 from verification.failing import DEAD, chipped, failing, followed, numbers, strip
 
 pytestmark = pytest.mark.mpi(min_size=2)
@@ -92,3 +93,10 @@ def test_broken_bonds_of_other_ranks_are_restored(comm):
     own = model.points.cell_number[: model.points.n_owned].tolist()
     ours = together.solve.preconditioner.of_points.sums.reshape(len(own), -1)
     assert_all(comm, all((sums[n] == row).all() for n, row in zip(own, ours, strict=True)), "blocks")
+
+
+@pytest.mark.parametrize("options", [{}, {"elements": 2, "kinematics": "finite"}], ids=["bonds", "coupled, finite"])
+def test_own_energies_do_not_depend_on_the_number_of_ranks(comm, options):
+    """To the last bit: what `summary.json` tells of the body's own fracture energy."""
+    expected, found = (build(strip(**options), ranks).model.own_energy for ranks in (mpi().COMM_SELF, comm))
+    assert_all(comm, found.tolist() == expected.tolist(), f"{found} differs from {expected}")

@@ -108,7 +108,7 @@ class DenseBody:
     def __init__(self, scene: Scene, fitted: np.ndarray | None = None):
         self.scene, self.d = scene, discretize(scene)
         d, mesh = self.d, self.d.mesh
-        self.finite = scene.has_peridynamics and scene.peridynamics.kinematics == "finite"
+        self.finite = scene.kinematics == "finite"
         cells = np.flatnonzero(d.has_points)
         corners = mesh.nodes[mesh.cells]
         jacobian = np.einsum("gak,cad->cgkd", slopes(GAUSS), corners)

@@ -8,12 +8,13 @@ import pytest
 from scipy.integrate import quad
 
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.deck.scene import Material, Peridynamics, Region
+from pdfem_mpi.deck.scene import Coupling, Material, Peridynamics, Region
 from pdfem_mpi.deck.toml import DeckError, parse_deck
 from pdfem_mpi.kernels.exact_sums import BITS
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.peridynamics import failure as failure_module
-from pdfem_mpi.peridynamics.failure import UNBREAKABLE, critical_stretches, describe_criterion, make_failure
+from pdfem_mpi.peridynamics.failure import UNBREAKABLE, critical_stretches, make_failure, point_classes
+from pdfem_mpi.run.failure_notes import describe_criterion
 from pdfem_mpi.solvers.preconditioner.blocks import inverted, point_blocks
 from verification.bodies import build, make_scene
 from verification.failing import EDGE, STRETCH, failing, followed, strip
@@ -49,11 +50,10 @@ def test_fracture_energy_of_a_deck_gives_the_same_bonds():
 
 
 def test_regions_that_may_not_fail():
-    """Bonds with an end in such a region do not break; classes are those of the points' cells."""
+    """Bonds with an end in such a region do not break, nor those within the overlap; classes are those of the cells."""
     run = failing(strip(elements=2))
     expected = np.full((5, 5), UNBREAKABLE)
-    open_regions = [1, 3, 4]  # the middle, and the elements' overlap
-    expected[np.ix_(open_regions, open_regions)] = STRETCH
+    expected[1, [1, 3, 4]] = expected[[3, 4], 1] = STRETCH  # the middle, and from there into the elements' overlap
     assert (run.failure.stretch == expected).all()
     model = run.body.model
     names = [run.body.scene.regions[k].name for k in run.failure.class_of[::2]]
@@ -62,6 +62,70 @@ def test_regions_that_may_not_fail():
     for name, x in zip(names, centres * length, strict=True):
         place = np.searchsorted([-2.0, -1.0, 1.0, 2.0], x)
         assert name == ("first", "left", "middle", "right", "last")[place]
+
+
+def long_bonds(may_fail=None, coupling="paper"):
+    """A strip between layers of elements, with bonds that reach five cells far from overlaps one cell deep.
+
+    Bonds beside its elements may break; ``may_fail`` is that of the elements.
+    """
+    scene = strip(elements=3, cells=(14, 6, 1), crack=EDGE)
+    regions = [
+        region.model_copy(update={"may_fail": may_fail if region.model == "finite_elements" else None})
+        for region in scene.regions
+    ]
+    lengths = scene.peridynamics.model_copy(update={"internal_length": 2.0})
+    return scene.model_copy(
+        update={"regions": tuple(regions), "peridynamics": lengths, "coupling": Coupling(kind=coupling)}
+    )
+
+
+@pytest.mark.parametrize("coupling", ["paper", "paper_a"])
+def test_bonds_within_the_overlap_break_where_the_deck_says_so_alone(coupling):
+    """Both of their ends follow element nodes: they neither set the first load nor break; the deck may let them."""
+    first = {may: followed(long_bonds(may, coupling), 1).rows[0].load_factor for may in (None, False, True)}
+    assert first[None] == pytest.approx(first[False], rel=1e-9)
+    if coupling == "paper":  # whose overlap has bonds alone, and few: .71 of the load is found
+        assert first[True] < 0.8 * first[None]
+    run = followed(long_bonds(coupling=coupling), 4)
+    assert run.failure.count >= 10
+    cells = np.flatnonzero(run.body.discretization.has_points)[run.failure.broken_pairs() // 8]
+    follows = run.body.discretization.is_overlap[cells]
+    assert not follows.all(axis=1).any()
+
+
+def test_bonds_into_the_overlap_break():
+    """One of their ends is free: a crack along the interface has nothing else to part."""
+    run = failing(long_bonds())
+    body = run.body
+    body.state.u[:] = body.of_positions(lambda x: 0.01 * x)
+    body.forces.evaluate_surely(body.state.u, np.zeros_like(body.state.u), np.empty_like(body.state.u), run.failure)
+    assert run.failure.close(body.model) > 1000
+    cells = np.flatnonzero(body.discretization.has_points)[run.failure.broken_pairs() // 8]
+    follows = body.discretization.is_overlap[cells].sum(axis=1)
+    assert (np.bincount(follows, minlength=3) > 0).tolist() == [True, True, False]
+
+
+def test_bonds_within_joints_of_fitted_bodies_do_not_break():
+    """Peridynamic cells that follow nodes, because elements beside them have another stiffness, are such cells too."""
+    scene = make_scene((9, 3, 3), 3, correction="fitted", signs="bounded", coupling="exact", solver="cg")
+    stiff = Material(youngs_modulus=3000.0, poissons_ratio=0.25)
+    elements = scene.regions[0].model_copy(update={"material": "stiff"})
+    scene = scene.model_copy(
+        update={
+            "material": Material(youngs_modulus=1000.0, critical_stretch=STRETCH),
+            "materials": {"stiff": stiff},
+            "regions": (elements, *scene.regions[1:]),
+        }
+    )
+    discretization = discretize(scene)
+    joint = discretization.is_peridynamic & discretization.is_overlap
+    assert joint.any() and not joint[discretization.is_peridynamic].all()
+    of_cell = point_classes(scene, discretization)
+    stretch = critical_stretches(scene, discretization)
+    one, free = (np.unique(of_cell[cells]) for cells in (joint, discretization.is_peridynamic & ~joint))
+    assert (stretch[np.ix_(one, one)] == UNBREAKABLE).all()
+    assert (stretch[np.ix_(one, free)] == STRETCH).all() and (stretch[np.ix_(free, free)] == STRETCH).all()
 
 
 @pytest.mark.slow
@@ -358,6 +422,13 @@ def test_all_bonds_tell_where_no_longer_one_is_stretched():
 
 def test_a_run_says_what_is_known_of_breaking_fitted_bonds():
     """One sentence with the remedy, for fitted bonds alone."""
-    (note,) = describe_criterion(failing(fitted_strip()).failure)
-    assert 'Use "virial"' in note and "docs/failure_criterion.md" in note
-    assert describe_criterion(failing(fitted_strip("virial")).failure) == describe_criterion(None) == ()
+    for correction, told in (("fitted", True), ("virial", False)):
+        scene = fitted_strip(correction)
+        scene = scene.model_copy(
+            update={"peridynamics": scene.peridynamics.model_copy(update={"internal_length": 1.0})}
+        )
+        run = failing(scene)
+        said = list(describe_criterion(scene, run.body.discretization, run.failure, {}))
+        assert len(said) == told
+        assert all('Use "virial"' in note and "docs/failure_criterion.md" in note for note in said)
+    assert list(describe_criterion(scene, run.body.discretization, None, {})) == []

@@ -6,6 +6,7 @@ import pytest
 from pdfem_mpi.deck.scene import BodyForce, Events, Steps, Support
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.stepping import events
+from pdfem_mpi.stepping.arrest import LEFT, MOST_DRIFT
 from verification.failing import CHIP, DEAD, EDGE, GUIDED, STRETCH, chipped, failing, followed, numbers, strip
 
 CLOSED = 1e-10  # of the work: round-off of thousands of sums; 1e-14 is found
@@ -117,6 +118,17 @@ def test_arrests_are_stable():
             assert row.convergence.residual <= 1e-4
             assert run.ratio() <= 1.0 - 1e-3
     assert arrests >= 3
+
+
+@pytest.mark.parametrize("control", ["load", "energy"])
+def test_a_tighter_tolerance_takes_the_same_way(control):
+    """The same events and numbers of broken bonds, at loads that agree to what arrests leave."""
+    ways = []
+    for tolerance in (1e-3, 1e-4):
+        rows = followed(strip(crack=EDGE, control=control, report_every=1, arrest_tolerance=tolerance), 30).rows
+        ways.append([(row.event, row.broken, row.load_factor) for row in rows])
+    assert [way[:2] for way in ways[0]] == [way[:2] for way in ways[1]]
+    assert [way[2] for way in ways[0]] == pytest.approx([way[2] for way in ways[1]], rel=LEFT * MOST_DRIFT)
 
 
 @pytest.mark.slow

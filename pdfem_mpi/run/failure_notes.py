@@ -1,0 +1,170 @@
+"""What a run says of the failure it is about to follow: the numbers of its criterion, and what makes them mislead.
+
+The strength, the fracture energy and the internal length of a material hang together, and bodies of few cells have
+another fracture energy than the bulk; ``summary.json`` has them all, and the sentences are about those that a deck
+leaves to its cells.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.materials import bond_stretches, materials_of
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.kernels.families import CUTOFF_GUARD
+from pdfem_mpi.kernels.hex8 import gauss_positions
+from pdfem_mpi.model.model import Model
+from pdfem_mpi.peridynamics.failure import UNBREAKABLE, Failure, critical_stretches, lets_overlap_fail, point_classes
+
+#: Depth of an overlap, in internal lengths, below which bonds into it stretch noticeably further than others: 0.9 times
+#: as far at depth 1, 1.3 at 2/3, 2.0 at 1/2, 3.9 at 1/3 (docs/failure.md).
+SHALLOW = 1.0 - 1e-9
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """When the bonds of one material break, in the deck's units.
+
+    Attributes
+    ----------
+    critical_stretch : float, dimension 1
+    strength : float, dimension force / length^2
+        Young's modulus times the critical stretch: at this stress bonds along it break in a bar.
+    fracture_energy_bulk : float, dimension force / length
+        Of all bonds that a plane inside a body without ends cuts, without surface correction.
+    fracture_energy_own_bonds : tuple of three floats or None, dimension force / length
+        Of those that planes normal to x, y and z cut in this body before cracks, mean over the planes' places; None
+        where no cell of the material may fail.
+    """
+
+    critical_stretch: float
+    strength: float
+    fracture_energy_bulk: float
+    fracture_energy_own_bonds: tuple[float, float, float] | None
+
+
+def criteria(scene: Scene, discretization: Discretization, model: Model) -> dict[str, Criterion]:
+    """The criterion of each material that can fail, by name; empty where no bond can."""
+    if model.own_energy is None:
+        return {}
+    units, ratio = discretization.units, discretization.cutoff / (1.0 + CUTOFF_GUARD)
+    stretches = np.diag(bond_stretches(scene, units.length, ratio))
+    found = {}
+    for (name, material), stretch, own in zip(materials_of(scene).items(), stretches, model.own_energy, strict=True):
+        if not stretch < math.inf:
+            continue
+        energies = own * stretch**2 * units.stress * units.length
+        found[name] = Criterion(
+            critical_stretch=float(stretch),
+            strength=float(material.youngs_modulus * stretch),
+            fracture_energy_bulk=material.energy_at_failure(float(stretch), units.length, ratio),
+            fracture_energy_own_bonds=None if np.isnan(energies).any() else tuple(energies.tolist()),
+        )
+    return found
+
+
+def failure_summary(
+    scene: Scene, discretization: Discretization, failure: Failure | None, found: dict[str, Criterion]
+) -> dict[str, Any] | None:
+    """What ``summary.json`` says of the criterion; None where no bond can break."""
+    if failure is None:
+        return None
+    length, cutoff = discretization.units.length, discretization.cutoff / (1.0 + CUTOFF_GUARD)
+    return {
+        "internal_length": length,
+        "internal_length_given": scene.peridynamics.internal_length is not None,
+        "cutoff_radius": cutoff * length,
+        "materials": {name: asdict(criterion) for name, criterion in found.items()},
+    }
+
+
+def describe_criterion(
+    scene: Scene, discretization: Discretization, failure: Failure | None, found: dict[str, Criterion]
+) -> Iterator[str]:
+    """Sentences about what a user should know before bonds break."""
+    if failure is None:
+        return
+    if failure.nearest:
+        yield (
+            'note: bonds that may break have peridynamics.surface_correction = "fitted", with which bodies carried '
+            'some 15 % more than with "virial" and some 20 % more than finer ones (docs/failure_criterion.md). Use '
+            '"virial" for peaks.'
+        )
+    if scene.peridynamics.internal_length is None:
+        yield from _lengths(scene, discretization.units.length, found)
+    yield from _overlap_that_fails(scene, discretization)
+    yield from _shallow_overlap(scene, discretization)
+
+
+def _lengths(scene: Scene, length: float, found: dict[str, Criterion]) -> Iterator[str]:
+    """The length follows the cells: one sentence for each material."""
+    for name, criterion in found.items():
+        if criterion.fracture_energy_own_bonds is None:
+            continue
+        given = materials_of(scene)[name].critical_stretch is not None
+        force, unit = scene.units.force, scene.units.length
+        per_length = f" {force}/{unit}" if force and unit else ""
+        per_area = f" {force}/{unit}^2" if force and unit else ""
+        own = ", ".join(f"{energy:.4g}" for energy in criterion.fracture_energy_own_bonds)
+        of = f" of {name}" if len(found) > 1 else ""
+        changes = "G_c" if given else "strength E s_0"
+        yield (
+            f"note: peridynamics.internal_length is not given and follows the cells, l = {length:.6g}"
+            f"{f' {unit}' if unit else ''}, so that finer cells change the {changes}{of}; here E s_0 = "
+            f"{criterion.strength:.4g}{per_area}, G_c = {criterion.fracture_energy_bulk:.4g}{per_length} in the bulk, "
+            f"and planes across x, y, z cut bonds of {own}{per_length} in this body: give peridynamics.internal_length "
+            f"= {length:.6g} to keep the material."
+        )
+
+
+def _overlap_that_fails(scene: Scene, discretization: Discretization) -> Iterator[str]:
+    """Decks that let bonds break where no crack can open."""
+    for index, region in enumerate(scene.regions):
+        if lets_overlap_fail(region) and (discretization.is_overlap & (discretization.region == index)).any():
+            yield (
+                f"warning: regions.{index}.may_fail = true lets bonds between two points of the overlap break, in "
+                f"{region.name}. Both follow element nodes, so that no crack opens there, and they may be the first "
+                "to break at a load far too low. Leave the key out."
+            )
+
+
+def _shallow_overlap(scene: Scene, discretization: Discretization) -> Iterator[str]:
+    """Bonds from free points into an overlap shallower than the internal length, if any may break."""
+    if not discretization.is_overlap.any():
+        return
+    edge = discretization.mesh.average_edge / discretization.units.length
+    depth = scene.coupling.overlap * edge
+    if depth >= SHALLOW or not _reaches_into_overlap(scene, discretization):
+        return
+    unit = discretization.units.length
+    yield (
+        f"note: bonds may break that reach into the overlap, which is {depth * unit:.4g} deep and shallower than the "
+        f"internal length {unit:.6g}: they stretch further than others, twice as far in an overlap half as deep. Use "
+        f"coupling.overlap = {math.ceil(SHALLOW / edge)}, or a band of peridynamics with may_fail = false as wide as "
+        "the cutoff radius beside the elements."
+    )
+
+
+def _reaches_into_overlap(scene: Scene, discretization: Discretization) -> bool:
+    """Whether a bond that may break joins a free point to one of the overlap."""
+    classes, stretch = point_classes(scene, discretization), critical_stretches(scene, discretization)
+    follows = discretization.is_overlap
+    corners = discretization.nodes[discretization.mesh.cells]
+    for theirs in np.unique(classes[follows]):
+        open_to = np.flatnonzero(stretch[theirs] < UNBREAKABLE)
+        free = np.isin(classes, open_to) & discretization.has_points & ~follows
+        if not free.any():
+            continue
+        tree = cKDTree(gauss_positions(corners[free]).reshape(-1, 3))
+        points = gauss_positions(corners[follows & (classes == theirs)]).reshape(-1, 3)
+        distance, _ = tree.query(points, distance_upper_bound=discretization.cutoff)
+        if np.isfinite(distance).any():
+            return True
+    return False
