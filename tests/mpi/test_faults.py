@@ -11,7 +11,6 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from helpers import assert_all
 from pdfem_mpi.deck.scene import Output, Steps
 from pdfem_mpi.model.state import FIELDS
 from pdfem_mpi.parallel import comm as parallel
@@ -19,8 +18,9 @@ from pdfem_mpi.parallel.comm import broadcast, gather_pairs, mpi
 from pdfem_mpi.results.checkpoint import Writer, list_checkpoints, open_checkpoint
 from pdfem_mpi.run import tables
 from pdfem_mpi.run.tables import BROKEN, make_layout, read_broken, read_fields, total_broken, write_tables
-from restarts import FACTORS, StopAt, alone, differing, failing, go, often, outcome, relaxed
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
+from support.helpers import assert_all
+from support.restarts import FACTORS, StopAt, alone, differing, failing, go, often, outcome, relaxed
 
 pytestmark = pytest.mark.mpi(min_size=2)
 

@@ -7,8 +7,8 @@ from unittest.mock import patch
 
 import pytest
 
-from helpers import ROOT, run_pdfem
 from pdfem_mpi.command import bench, cli
+from support.helpers import ROOT, run_pdfem
 
 KEYS = {
     "pd": (

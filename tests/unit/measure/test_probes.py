@@ -7,7 +7,7 @@ from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.scene import BarProbe, LineProbe, Material, Region
 from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.measure.probes import bar_results, displacement_at, measure_bar, measure_line
-from verification.bodies import fields_of_positions, make_scene
+from support.bodies import fields_of_positions, make_scene
 
 ROUND_OFF = 1e-13  # of Newton's method, which ends at steps of 1e-13, and of eight products
 FIT = 1e-10  # relative, of straight lines through some hundred points

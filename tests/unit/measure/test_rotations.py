@@ -7,7 +7,7 @@ import pytest
 
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.measure.rotations import describe_rotation, largest_rotation
-from verification.bodies import make_scene
+from support.bodies import make_scene
 
 
 @pytest.mark.parametrize("degrees", [0.0, 1.0, 10.0, 90.0, 170.0])

@@ -15,8 +15,8 @@ from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.peridynamics import failure as failure_module
 from pdfem_mpi.peridynamics.failure import UNBREAKABLE, critical_stretches, describe_criterion, make_failure
 from pdfem_mpi.solvers.preconditioner.blocks import inverted, point_blocks
-from verification.bodies import build, make_scene
-from verification.failing import EDGE, STRETCH, failing, followed, strip
+from support.bodies import build, make_scene
+from support.failing import EDGE, STRETCH, failing, followed, strip
 
 QUADRATURE = 1e-6  # relative: the cutoff's guard is 1e-9, the cone integral is exact to 1e-8
 

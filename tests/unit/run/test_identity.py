@@ -5,7 +5,7 @@ import pytest
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.scene import Crack, LineProbe, Output, Solver, Steps, Support
 from pdfem_mpi.run.identity import FREE, LOAD_FACTORS, MESH, TOLD, differences, identity, sha256
-from verification.bodies import make_scene
+from support.bodies import make_scene
 
 
 def keys_of(**tables):

@@ -6,7 +6,7 @@ import pytest
 from pdfem_mpi.deck.scene import Events, Steps, Support
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import events
-from verification.failing import CHIP, DEAD, EDGE, STRETCH, chipped, failing, followed, numbers, strip
+from support.failing import CHIP, DEAD, EDGE, STRETCH, chipped, failing, followed, numbers, strip
 
 CLOSED = 1e-10  # of the work: round-off of thousands of sums; 1e-14 is found
 TANGENT_STEPS = 1e-4  # of the work, finite kinematics: X is that of the tangent, strains are some 1e-3; 1e-5 is found

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from helpers import ROOT
+from support.helpers import ROOT
 
 
 @pytest.fixture(scope="module")

@@ -7,13 +7,13 @@ from unittest.mock import patch
 import matplotlib.image
 import pytest
 
-from helpers import ROOT
 from pdfem_mpi.command import study
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run.run import run
-from verification import measure
-from verification import patch as patches
-from verification.bodies import Silence
+from support import measure
+from support import patch as patches
+from support.helpers import ROOT
+from support.reporters import Silence
 
 FIGURES = [*map(str, range(1, 17)), "A1", "A2", "A3", "B1", "B2", "B3", "B4", "B5"]
 EQUATIONS = [*map(str, range(1, 36)), *(f"A{n}" for n in range(1, 13)), *(f"B{n}" for n in range(1, 6))]

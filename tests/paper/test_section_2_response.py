@@ -10,8 +10,8 @@ from pdfem_mpi.deck.scene import Material, Output
 from pdfem_mpi.measure.fields import gather_damage, point_positions
 from pdfem_mpi.peridynamics.bonds import BULK_MODULUS, RESPONSE_CONSTANT
 from pdfem_mpi.peridynamics.damage import local_damage
-from verification.bodies import bond_list, build, make_scene
-from verification.measure import cracked_block, damage_by_layer, lattice_constants, release_rate_inside, released
+from support.bodies import bond_list, build, make_scene
+from support.measure import cracked_block, damage_by_layer, lattice_constants, release_rate_inside, released
 
 QUADRATURE = 1e-9  # relative, of the integrals below
 SINGLE_PRECISION = 1e-7  # relative: stored numbers are rounded once, by up to 2**-24 = 6e-8

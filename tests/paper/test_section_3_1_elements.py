@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from verification.bodies import YOUNGS_MODULUS, build, make_scene
-from verification.patch import distort
-from verification.scikit import trilinear_elements
+from support.bodies import YOUNGS_MODULUS, build, make_scene
+from support.patch import distort
+from support.scikit import trilinear_elements
 
 # Of the sum of magnitudes; forces are rounded to 2**-50 of a bound a hundred times larger. Measured 1.5e-13
 ROUND_OFF = 1e-12

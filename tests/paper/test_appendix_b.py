@@ -6,8 +6,8 @@ What the paper says and what the full size gives is in docs/paper.md.
 
 import pytest
 
-from verification.bodies import run_deck
-from verification.measure import lattice_of
+from support.bodies import run_deck
+from support.measure import lattice_of
 
 STRAIN, X0, Y0 = 18750.0 / 1.0e7, 2.5, 1.0
 SPACING = 0.5

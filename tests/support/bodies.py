@@ -9,7 +9,6 @@ from unittest.mock import patch
 
 import numpy as np
 
-from helpers import ROOT
 from pdfem_mpi.body.discretization import Discretization, discretize
 from pdfem_mpi.deck.scene import (
     BodyForce,
@@ -30,6 +29,8 @@ from pdfem_mpi.model.model import Model, build_model, cluster_layout, point_rows
 from pdfem_mpi.model.state import State, new_state
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run.run import run
+from support.helpers import ROOT
+from support.reporters import Silence
 
 YOUNGS_MODULUS = 1000.0
 
@@ -169,29 +170,13 @@ def fields_of_positions(discretization, displacement):
     )
 
 
-class Silence:
-    """A reporter that says nothing."""
-
-    def line(self, text):
-        """Say nothing."""
-
-    def progress(self, *arguments):
-        """Say nothing."""
-
-    def row(self, columns):
-        """Say nothing."""
-
-    def table(self, title, rows):
-        """Say nothing."""
-
-
 def run_deck(name, out, *overrides):
     """Run a deck of ``jobs/`` on this rank alone, without pictures and fields, and return its summary."""
     path = ROOT / "jobs" / name
     text = path.read_text(encoding="utf-8")
     scene = parse_deck(text, str(path), (*overrides, "output.fields=false", "output.figures=false"))
-    # warm_up would close the kernels to a second run in the same process; the user's cache knows fits of earlier tests
-    with patch("pdfem_mpi.run.run.warm_up"), patch("pdfem_mpi.run.run.fit_folders", lambda out: (out,)):
+    # the user's cache knows fits of earlier tests
+    with patch("pdfem_mpi.run.run.fit_folders", lambda out: (out,)):
         code = run(scene, mpi().COMM_SELF, Path(out), text, True, Silence())
     summary = json.loads((Path(out) / "summary.json").read_text(encoding="utf-8"))
     assert code == 0, summary["reason"]

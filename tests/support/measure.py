@@ -9,7 +9,7 @@ import numpy as np
 from pdfem_mpi.deck.scene import Crack, Output
 from pdfem_mpi.measure.fields import gather_damage, point_positions
 from pdfem_mpi.peridynamics.bonds import cut_bonds
-from verification.bodies import bond_list, build, make_scene
+from support.bodies import bond_list, build, make_scene
 
 POWER_ITERATIONS = 200
 CUTOFF = 2.5  # internal lengths

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from pdfem_mpi.kernels import surface_correction
 from pdfem_mpi.model.model import point_rows
 from pdfem_mpi.peridynamics import bonds
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
 
 # Measured with an independent program, printed to five digits; the update is exact arithmetic on these numbers
 BEFORE_TOLERANCE = 2e-5

@@ -8,7 +8,7 @@ import pytest
 from pdfem_mpi.deck.scene import BodyForce, Support
 from pdfem_mpi.model.loads import rigid_modes
 from pdfem_mpi.solvers import adr
-from verification.bodies import build, make_scene, run_deck
+from support.bodies import build, make_scene, run_deck
 
 ROUND_OFF = 1e-12  # of the sum of magnitudes: forces are rounded to 2**-49 of the largest bond's, sums are exact
 TRUNCATION = 1e-6  # central differences with steps of 1e-4 of the strain: 1e-8, and the forces' round-off over 1e-4

@@ -22,7 +22,7 @@ from pdfem_mpi.deck.scene import (
 from pdfem_mpi.measure.fields import point_positions
 from pdfem_mpi.peridynamics.failure import Failure, make_failure
 from pdfem_mpi.stepping import Report, follow_load_program, make_solver
-from verification.bodies import YOUNGS_MODULUS, Body, build
+from support.bodies import YOUNGS_MODULUS, Body, build
 
 STRETCH = 0.002
 CELLS = (8, 6, 1)

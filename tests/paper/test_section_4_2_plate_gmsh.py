@@ -4,8 +4,8 @@ import importlib.util
 
 import pytest
 
-from helpers import ROOT
-from verification.bodies import run_deck
+from support.bodies import run_deck
+from support.helpers import ROOT
 
 # Displacements of plate_fe.toml in in: of the end in x, and of the hole's top in y, with mesh.spacing=0.025.
 FINE = {"right_end": (0, 4.7724e-3), "top_of_hole": (1, -4.949e-4)}

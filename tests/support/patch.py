@@ -10,7 +10,7 @@ from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.model import build_model
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.solvers import adr
-from verification.bodies import Body, build, make_scene
+from support.bodies import Body, build, make_scene
 
 CUTOFF = 2.5  # cells
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from verification.bodies import run_deck
+from support.bodies import run_deck
 
 EXACT_END = 4.975e-3  # in; strain 1e-3 times 5 in less half a cell: the last layer's centre
 ROUND_OFF_OF_BALANCES = 1e-12  # of the sums of magnitudes; forces cancel as integers, moments in one rounding

@@ -1,27 +1,23 @@
-"""The table of hard cases: one entry a run, by families. How they are judged is in `hard_suite`."""
+"""The table of hard cases: one entry a run, by families. How they are judged is in `hard.judges`."""
 
 from __future__ import annotations
 
-from hard_suite import (
-    BAD_DECK,
-    NOT_CONVERGED,
-    Case,
+from hard.judges import (
     broken,
     completed,
     counted_bonds,
     direct_solution,
     finite_equilibrium,
     modulus,
-    moved,
     nothing_moves,
     numbers,
     probe,
     refused,
     same_as_other,
     says,
-    scaled,
     uniform_tension,
 )
+from hard.suite import BAD_DECK, NOT_CONVERGED, Case, moved, scaled
 
 FITTED = "peridynamics.surface_correction=fitted"
 BOUNDED = "peridynamics.signs=bounded"
@@ -605,3 +601,5 @@ CASES = (
         ('supports=[{face="x-",x=0.0,y=0.0,z=0.0},{face="x+",x=0.0,y=0.0,z=0.0}]',),
     ),
 )
+
+NAMED = {case.name: case for case in CASES}

@@ -1,14 +1,9 @@
-#!/usr/bin/env python3
-"""Hard cases that no deck can describe: what they check on the model of a deck, as numbers in a summary.json.
-
-Usage: mpirun -n RANKS tools/hard_checks.py CASE FOLDER      (a case's name in tools/hard_table.py)
-"""
+"""Hard cases that no deck can describe: what they check on the model of a deck, as numbers in a summary.json."""
 
 from __future__ import annotations
 
 import json
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +15,7 @@ from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import exact_dots
 from pdfem_mpi.model.model import build_model, cluster_layout, point_rows
 from pdfem_mpi.model.state import new_state
-from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.peridynamics.failure import make_failure
-from pdfem_mpi.system import launcher as launch
 
 #: The strain whose force a rotation's is compared with.
 STRAIN = 1e-2
@@ -78,17 +71,3 @@ def run_check(program: str, scene: Scene, comm, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         found["solve"] = {"evaluations": found.pop("evaluations")}
         (folder / "summary.json").write_text(json.dumps(found), encoding="utf-8")
-
-
-def main():
-    """Run one check of the table."""
-    launch.prepare_environment()
-    from hard_suite import read_scene
-    from hard_table import CASES
-
-    (case,) = (case for case in CASES if case.name == sys.argv[1])
-    run_check(case.program, read_scene(case), world(), Path(sys.argv[2]))
-
-
-if __name__ == "__main__":
-    main()

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import skfem
 
-from helpers import ROOT
 from pdfem_mpi.deck.scene import PlateWithHoleMesh
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.measure.fields import gather_fields
 from pdfem_mpi.stepping import follow_load_program, make_solver
-from verification.bodies import Silence, build, run_deck
-from verification.scikit import trilinear_elements
+from support.bodies import build, run_deck
+from support.helpers import ROOT
+from support.reporters import Silence
+from support.scikit import trilinear_elements
 
 STRAIN, HALF_LENGTH, HALF_WIDTH, RADIUS = 1.0e-3, 4.5, 1.5, 0.4  # far from the hole; in
 POISSONS_RATIO = 0.25

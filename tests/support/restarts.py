@@ -8,7 +8,6 @@ import os
 import signal
 import time
 from pathlib import Path
-from unittest.mock import patch
 
 import h5py
 import numpy as np
@@ -19,7 +18,8 @@ from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.results.checkpoint import list_checkpoints
 from pdfem_mpi.run.restart import Refused, Ways
 from pdfem_mpi.run.run import run
-from verification.bodies import YOUNGS_MODULUS, Silence, make_scene
+from support.bodies import YOUNGS_MODULUS, make_scene
+from support.reporters import Listener
 
 FACTORS = (0.25, 0.5, 1.0)
 
@@ -59,22 +59,6 @@ def failing(program, kinematics="linear", **tables):
     return Scene.model_validate({**dict(scene), "material": breaking, "stepping": stepping})
 
 
-class Silently(Silence):
-    """A reporter that keeps the lines."""
-
-    def __init__(self):
-        self.lines = []
-
-    def line(self, text):
-        """Keep a line."""
-        self.lines.append(text)
-
-
-    def said(self, *parts):
-        """Whether one line has all these parts."""
-        return any(all(part in line for part in parts) for line in self.lines)
-
-
 class StopAt:
     """Requests of a signal that comes just before the n-th safe point, to one rank."""
 
@@ -90,13 +74,12 @@ class StopAt:
 
 def go(scene, comm, out, overwrite=False, reporter=None, **ways):
     """Run in this process, as `pdfem run` does, and return the exit code. Collective."""
-    reporter = reporter or Silently()
-    with patch("pdfem_mpi.run.run.warm_up"):  # it closes the kernels to a second run in the same process
-        try:
-            return run(scene, comm, Path(out), write_deck(scene), overwrite, reporter, Ways(**ways))
-        except Refused as error:
-            reporter.line(str(error))
-            return error.code
+    reporter = reporter or Listener()
+    try:
+        return run(scene, comm, Path(out), write_deck(scene), overwrite, reporter, Ways(**ways))
+    except Refused as error:
+        reporter.line(str(error))
+        return error.code
 
 
 def alone(scene, out, overwrite=False, reporter=None, **ways):

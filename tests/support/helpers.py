@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 # what a launcher or a started MPI leaves in the environment; a launcher started by a test must not see it
 LAUNCHER_PREFIXES = (
     "PMI",

@@ -5,7 +5,7 @@ The errors measured are recorded as properties of the tests, in the reports of `
 
 import pytest
 
-from verification.patch import BLOCKS, DISTORTED, ROTATIONS, STRAINS, block, patch_test, rotation_force
+from support.patch import BLOCKS, DISTORTED, ROTATIONS, STRAINS, block, patch_test, rotation_force
 
 ROUND_OFF = 1e-12  # of the largest force
 

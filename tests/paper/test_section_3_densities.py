@@ -6,8 +6,8 @@ Central differences with a time step of 1 are stable while no eigenvalue of ``La
 import numpy as np
 import pytest
 
-from verification.bodies import build, make_scene
-from verification.measure import largest_eigenvalue
+from support.bodies import build, make_scene
+from support.measure import largest_eigenvalue
 
 STABILITY_LIMIT = 4.0
 # largest eigenvalue with g_ij in eq. 11 on cubic cells, and with g_ij in the bonds but not in the densities:

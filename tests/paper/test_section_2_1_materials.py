@@ -14,7 +14,7 @@ import pytest
 from pdfem_mpi.deck.scene import BodyForce, Material, Region, Support, Traction
 from pdfem_mpi.measure.fields import point_positions
 from pdfem_mpi.stepping import make_solver
-from verification.bodies import YOUNGS_MODULUS, build, make_scene, run_deck
+from support.bodies import YOUNGS_MODULUS, build, make_scene, run_deck
 
 FE, PD = "finite_elements", "peridynamics"
 HELD_MODULUS = 1.2  # of uniaxial strain over Young's, for Poisson's ratio 1/4
