@@ -10,11 +10,6 @@ import numpy as np
 import paper_figures as draw
 from paper_cases import COARSE_CORNERS, ROOT, STRAIN, X0, Y0, Result, Series, results
 from paper_rows import EQUATIONS, FIGURES
-
-from pdfem_mpi.kernels import surface_correction
-from pdfem_mpi.model.model import point_rows
-from pdfem_mpi.peridynamics import bonds as bonds_module
-from pdfem_mpi.peridynamics.bonds import BULK_MODULUS
 from verification.bodies import bond_list, build, make_scene
 from verification.measure import (
     cracked_block,
@@ -25,6 +20,11 @@ from verification.measure import (
     release_rate_inside,
 )
 from verification.patch import BLOCKS, STRAINS, block, patch_test
+
+from pdfem_mpi.kernels import surface_correction
+from pdfem_mpi.model.model import point_rows
+from pdfem_mpi.peridynamics import bonds as bonds_module
+from pdfem_mpi.peridynamics.bonds import BULK_MODULUS
 
 Found = dict[str, list[Result]]
 KEPT = 0.971457  # of the fracture energy by r_c = 2.5 l

