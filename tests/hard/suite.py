@@ -25,29 +25,6 @@ from support.helpers import ROOT
 DECKS = ROOT / "jobs" / "hard"
 BAD_DECK, NOT_CONVERGED = 64, 74
 
-FAMILIES = {
-    1: "an interface meets a free edge and a corner",
-    2: "a crack runs into the overlap and into a region without damage",
-    3: "two cracks become critical at the same load",
-    4: "fragments: pieces cut loose, single points without bonds",
-    5: "a plate one cell thick, thinner than the cutoff radius",
-    6: "internal lengths of half a cell to three cells, cutoff radii of 1.5 to 3.5 of them",
-    7: "stiffness contrast 1 : 1000, hard and soft inclusion",
-    8: "cells jittered by 15 %, graded 1 : 20, sheared by 45 degrees, of aspect 1 : 10",
-    9: "rigid rotation by 10 and 90 degrees, finite kinematics",
-    10: "compression by 30 % and tension by 30 %",
-    11: "every unit scaled by 1e-9 and 1e+9",
-    12: "a body far from the origin, 1e6 times its size",
-    13: "nearly mechanisms: a hinge of one cell, a body held at one node",
-    14: "bending and torsion of slender bars, relaxation against conjugate gradients",
-    15: "load steps of 1e-12 and of ten times the failure load",
-    16: "a tolerance at round-off, no load at all",
-    17: "the smallest regions, overlaps of one to five layers, one description enclosed by the other",
-    18: "one to eight ranks, ranks that own one cell, only elements, only bonds",
-    19: "a million broken bonds in one event",
-    20: "supports that contradict each other, loads and supports at one place",
-}
-
 
 @dataclass
 class Outcome:

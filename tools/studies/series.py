@@ -154,15 +154,15 @@ def run_tests(report: Path, *arguments: str, ranks: int = 1) -> int:
     return subprocess.run([*command, f"--junitxml={report}", *arguments], cwd=ROOT).returncode
 
 
-def properties_of(report: Path) -> list[tuple[bool, dict[str, Any]]]:
-    """Of each test that recorded something: whether it passed, and the properties, which are JSON."""
+def properties_of(report: Path, name: str) -> list[tuple[bool, Any]]:
+    """Of each test that recorded a property of this name, which is JSON: whether it passed, and the value."""
     if not report.exists():
         return []
     found = []
     for case in ElementTree.parse(report).getroot().iter("testcase"):
-        told = {p.get("name", ""): json.loads(p.get("value", "null")) for p in case.iter("property")}
-        if told:
-            found.append((not {child.tag for child in case} & {"failure", "error"}, told))
+        passed = not {child.tag for child in case} & {"failure", "error"}
+        values = [item.get("value", "null") for item in case.iter("property") if item.get("name") == name]
+        found += [(passed, json.loads(value)) for value in values]
     return found
 
 
@@ -171,12 +171,12 @@ def properties_of(report: Path) -> list[tuple[bool, dict[str, Any]]]:
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Lines of a Markdown table."""
-    lines = [header, ["---"] * len(header)]
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     for row in rows:
         if len(row) != len(header):
             raise ValueError(f"a row of {len(row)} cells under {len(header)} headings: {row}")
-        lines.append(row)
-    return ["| " + " | ".join(cells) + " |" for cells in lines]
+        lines.append("| " + " | ".join(row) + " |")
+    return lines
 
 
 def fill(document: Path, tables: Mapping[str, Sequence[str]]) -> None:

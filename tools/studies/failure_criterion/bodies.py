@@ -1,4 +1,4 @@
-"""Bodies of the criterion study, and rules by which their bonds may break: for `tools/criterion_study` alone.
+"""Bodies of the criterion study, and rules by which their bonds may break: for this study alone.
 
 Lengths are in cells of the coarse mesh, Young's modulus is 1, the critical stretch `STRETCH`; plates two units thick,
 pulled along x. Rules other than the program's own live here, beside the library, because the study refuses them.
@@ -11,17 +11,28 @@ from pathlib import Path
 import meshio
 import numpy as np
 
-from pdfem_mpi.deck.scene import Events, FileMesh, Material, Peridynamics, Region, Scene, Solver, Support
-from pdfem_mpi.kernels import failure as kernels
-from pdfem_mpi.kernels.exact_sums import add_products
-from pdfem_mpi.kernels.hex8 import GAUSS_POINTS
-from pdfem_mpi.mesh.generators import box, plate_with_hole
-from pdfem_mpi.mesh.hexmesh import HexMesh
-from pdfem_mpi.model.model import point_rows
-from pdfem_mpi.peridynamics.bonds import make_bonds
-from pdfem_mpi.peridynamics.failure import UNBREAKABLE, Failure
-from pdfem_mpi.peridynamics.fit.areas import find_boundary
-from pdfem_mpi.stepping.steps import break_bonds as break_by_stretch
+from tools.studies.internals import (
+    GAUSS_POINTS,
+    UNBREAKABLE,
+    Events,
+    Failure,
+    FileMesh,
+    HexMesh,
+    Material,
+    Peridynamics,
+    Region,
+    Scene,
+    Solver,
+    Support,
+    add_products,
+    box,
+    find_boundary,
+    make_bonds,
+    plate_with_hole,
+    point_rows,
+)
+from tools.studies.internals import break_bonds as break_by_stretch
+from tools.studies.internals import failure_kernels as kernels
 
 STRETCH = 1e-3
 THICKNESS = 2.0

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib import pyplot as plt
-from paper_cases import Series, results
+
+from tools.studies.members import Series, results
 
 STATIONS = {"u_x": (0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 4.5), "u_y": (0.0, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 4.5)}
 COMPONENTS = tuple(STATIONS)

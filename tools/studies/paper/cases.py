@@ -1,17 +1,8 @@
-"""The runs behind the figures of docs/paper.md: decks of jobs/, keys that vary, and what is read from the results."""
+"""The runs behind the figures of docs/paper.md: decks of jobs/ and keys that vary."""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-
-import numpy as np
-
-from pdfem_mpi.command import study
-
-ROOT = Path(__file__).resolve().parent.parent
+from tools.studies.members import Series
 
 # Appendix B: the paper's cells, thicknesses and lengths; the coarse set keeps the ratios to the cells
 STRAIN, X0, Y0 = 1.875e-3, 2.5, 1.0
@@ -22,21 +13,6 @@ COARSE_CORNERS = {
     "band_left.lower": "[-2.1,-1.5,-0.1]",
     "band_right.upper": "[2.1,1.5,0.1]",
 }
-
-
-@dataclass(frozen=True)
-class Series:
-    """Runs of one deck, as ``pdfem study`` takes them."""
-
-    name: str
-    deck: str
-    vary: tuple[str, ...]
-    overrides: tuple[str, ...] = ()
-
-    def members(self) -> tuple[list[study.Axis], list[study.Member]]:
-        """Its axes and its members, validated."""
-        axes = study.parse_axes(self.vary)
-        return axes, study.make_members(ROOT / "jobs" / self.deck, axes, self.overrides)
 
 
 def make_series(full: bool) -> list[Series]:
@@ -99,51 +75,3 @@ def make_series(full: bool) -> list[Series]:
 def one_thickness(cells: int, h: float) -> tuple[str, str]:
     """Overrides for one thickness."""
     return f"mesh.lower.2={-0.5 * cells * h:.12g}", f"mesh.upper.2={0.5 * cells * h:.12g}"
-
-
-def run_series(series: Series, folder: Path, ranks: int, dry_run: bool, start: study.Start | None = None) -> int:
-    """Run what is left of a series; members whose deck has changed are run anew. Returns the exit code."""
-    axes, members = series.members()
-    if dry_run:
-        for member in members:
-            if study.outcome_in(folder / "members" / member.name, member).status != "finished":
-                print(f"{series.name} {member.label}")
-        return 0
-    interruption = study.Interruption()
-    start = start or study.starter(ROOT / "jobs" / series.deck, series.overrides, ranks, interruption)
-    return study.run_study(
-        members, axes, folder, start, lambda text: print(f"{series.name} {text}", flush=True), (), interruption
-    )
-
-
-@dataclass(frozen=True)
-class Result:
-    """One finished member: its values, the numbers of its summary, and its folder."""
-
-    values: dict[str, str]
-    numbers: dict[str, float]
-    summary: dict
-    folder: Path
-
-    def line(self, name: str) -> dict[str, np.ndarray]:
-        """Columns of ``lines/NAME.csv``."""
-        with open(self.folder / "lines" / f"{name}.csv", newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-        columns = {key: np.array([float(row[key]) for row in rows]) for key in rows[0] if key != "model"}
-        return columns | {"model": np.array([row["model"] for row in rows])}
-
-
-def results(series: Sequence[Series], runs: Path) -> dict[str, list[Result]]:
-    """Finished members of every series; a series without any is left out."""
-    found = {}
-    for item in series:
-        members = []
-        for member in item.members()[1]:
-            folder = runs / item.name / "members" / member.name
-            outcome = study.outcome_in(folder, member)
-            if outcome.status == "finished":
-                numbers = study.results_of(outcome.summary)
-                members.append(Result(dict(member.values), numbers, outcome.summary, folder))
-        if members:
-            found[item.name] = members
-    return found

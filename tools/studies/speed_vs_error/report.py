@@ -1,6 +1,6 @@
-"""The page and the figure of ``tools/speed_vs_error``: errors, Pareto front, recommendations, tables.
+"""The page and the figure of ``tools/studies/study speed_vs_error``: errors, Pareto front, recommendations, tables.
 
-A *result* is what ``tools/speed_vs_error`` keeps of a run; a *case* its settings. Nothing is run here.
+A *result* is what ``tools/studies/study speed_vs_error`` keeps of a run; a *case* its settings. Nothing is run here.
 """
 
 import math
@@ -283,8 +283,8 @@ runs; the share of the processor that it took is taken off their times, which ar
 {earlier} of the runs, marked `^`, are of an earlier build."""
     return f"""# Speed against error
 
-Written by `tools/speed_vs_error`: {len(results)} runs of the decks of the paper's bar (section 4.1) and plate with a
-hole (section 4.2) on {ranks} ranks, {processor()}. {idle}
+Written by `tools/studies/study speed_vs_error`: {len(results)} runs of the decks of the paper's bar (section 4.1) and
+plate with a hole (section 4.2) on {ranks} ranks, {processor()}. {idle}
 
 ![Error against core-seconds, and solver error against sweeps](figures/speed_vs_error.svg)
 

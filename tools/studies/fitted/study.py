@@ -1,36 +1,22 @@
-#!/usr/bin/env python3
-"""Draw the figures of docs/fitted.md: factors, what the fit leaves, the coupled bar and the plate before and after.
-
-Usage: tools/fitted_figures [--full] [--ranks N] [FOLDER]
+"""Figures of docs/fitted.md: factors, what the fit leaves, the coupled bar and the plate before and after.
 
 Bodies of a few thousand points, and the plate with cells of 0.1 in: a minute on two cores, figures in
-runs/fitted_figures/coarse. With --full the plate has the paper's cells, and figures are written to docs/figures. The
-plate's runs stay in runs/fitted_figures and are not run again unless their decks change; its stations are printed as
-they stand in docs/fitted.md. Needs the package and matplotlib.
+runs/fitted_figures/coarse. With ``--full`` the plate has the paper's cells, and figures are written to docs/figures.
+The plate's stations are printed as they stand in docs/fitted.md.
 """
 
+from __future__ import annotations
+
 import argparse
-import sys
 from pathlib import Path
 
 import numpy as np
 from matplotlib import pyplot as plt
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tools")]
-
-import fitted_plate  # noqa: E402
-from paper_cases import run_series  # noqa: E402
-
-from pdfem_mpi import body_fit  # noqa: E402
-from pdfem_mpi.peridynamics.fit.equations import targets  # noqa: E402
-from pdfem_mpi.peridynamics.fit.operator import Operator  # noqa: E402
-from pdfem_mpi.peridynamics.fit.areas import find_boundary  # noqa: E402
-from pdfem_mpi.deck.toml import parse_deck  # noqa: E402
-from pdfem_mpi.model.model import point_rows  # noqa: E402
-from pdfem_mpi.measure.probes import measure_bar  # noqa: E402
-from pdfem_mpi.stepping import follow_load_program, make_solver  # noqa: E402
-from verification.bodies import build, make_scene  # noqa: E402
+from tools.studies import internals
+from tools.studies.fitted import plate
+from tools.studies.members import run_series
+from tools.studies.series import DOCS, JOBS, RUNS
 
 CELLS = (12, 6, 6)
 BAR = (
@@ -45,22 +31,36 @@ BAR = (
 STYLE = {"free": ("tab:blue", "free signs"), "bounded": ("tab:orange", "positive"), "none": ("0.6", "no correction")}
 
 
+BLOCK = f"""
+[mesh]
+kind = "box"
+lower = [0, 0, 0]
+upper = [{CELLS[0]}, {CELLS[1]}, {CELLS[2]}]
+spacing = 1.0
+[material]
+youngs_modulus = 1000.0
+[[regions]]
+name = "bonds"
+model = "peridynamics"
+[[supports]]
+face = "x-"
+x = 0.0
+"""
+
+
 def body(correction, signs="free"):
     """A block of cubes."""
-    return build(make_scene(CELLS, correction=correction, signs=signs, loads=()))
-
-
-def stored(model):
-    """Stored numbers of all slots."""
-    return np.concatenate([rows.data for rows in model.bonds.rows]).astype(float)
+    settings = (f"peridynamics.surface_correction={correction}", f"peridynamics.signs={signs}")
+    settings += ("peridynamics.kinematics=linear",)
+    return internals.assemble(internals.parse_deck(BLOCK, "block", settings))
 
 
 def draw_factors(path):
     """Histogram of the factors over all bonds of the block, for both signs."""
-    base = stored(body("none").model)
+    base = body("none").stored()
     figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
     for signs in ("free", "bounded"):
-        factor = stored(body("fitted", signs).model)[base != 0.0] / base[base != 0.0]
+        factor = body("fitted", signs).stored()[base != 0.0] / base[base != 0.0]
         colour, label = STYLE[signs]
         axes.hist(factor, np.linspace(-2.0, 14.0, 161), histtype="step", log=True, color=colour, label=label)
     axes.set_xlabel("strength of a bond, over that without correction")
@@ -77,11 +77,11 @@ def draw_residual(path):
     for axis, correction in zip(axes, ("appendix_a", "virial", "fitted"), strict=True):
         assembled = body(correction)
         model, d = assembled.model, assembled.discretization
-        areas, _ = body_fit.compatible_areas(d, find_boundary(d.mesh, d.nodes, d.body))
-        goal = targets(areas[model.subdomain.free].reshape(-1, 3))
-        operator = Operator(model.comm, model.points, model.bonds, np.ones(1))
+        areas, _ = internals.fit.compatible_areas(d, internals.find_boundary(d.mesh, d.nodes, d.body))
+        goal = internals.equations.targets(areas[model.subdomain.free].reshape(-1, 3))
+        operator = internals.Operator(model.comm, model.points, model.bonds, np.ones(1))
         miss = np.abs(goal - operator.moments(np.zeros_like(goal), False)).max(axis=1).reshape(-1)
-        x = point_rows(model.points.x)
+        x = internals.point_rows(model.points.x)
         layer = x[:, 2] > x[:, 2].max() - 1e-6
         values = np.log10(np.maximum(miss[layer] / np.abs(goal).max(), 1e-12))
         shades = axis.scatter(x[layer, 0], x[layer, 1], c=values, vmin=-12, vmax=0, s=22, marker="s", rasterized=True)
@@ -101,15 +101,12 @@ def draw_bar(path):
         ("bar_tension.toml", "appendix A, reading B", "tab:red"),
         ("bar_exact.toml", "fitted, exact coupling", "tab:blue"),
     ):
-        deck = ROOT / "jobs" / name
-        scene = parse_deck(deck.read_text(encoding="utf-8"), str(deck), BAR)
-        assembled = build(scene)
-        solve = make_solver(scene, assembled.discretization, assembled.forces, assembled.case, lambda text: None)
-        program = follow_load_program(scene, solve, None, assembled.state, assembled.case, lambda step, progress: None)
-        (row,) = program
-        bar = measure_bar(
-            scene, assembled.discretization, assembled.fields(assembled.state.u), scene.probes[0], row.load_factor
-        )
+        scene = internals.read_deck(JOBS / name, BAR)
+        found = internals.assemble(scene)
+        solve = internals.make_solver(scene, found.discretization, found.forces, found.load, lambda text: None)
+        (row,) = internals.follow_load_program(scene, solve, None, found.state, found.load)
+        fields = internals.gather_fields(found.discretization, found.forces, found.state.u)
+        bar = internals.measure_bar(scene, found.discretization, fields, scene.probes[0], row.load_factor)
         error = 100.0 * (bar.displacement - bar.exact) / bar.exact.max()
         axes.plot(bar.coordinate, error, ".-", color=colour, label=label)
     axes.axvline(0.0, color="0.7", lw=0.8)
@@ -122,34 +119,30 @@ def draw_bar(path):
 
 
 def make_plate(path, full, ranks):
-    """Run what is left of the plate's decks, draw its figure, print its stations."""
-    series = fitted_plate.make_series(full)
-    runs = ROOT / "runs" / "fitted_figures" / ("full" if full else "coarse")
+    """Run what is left of the plate's decks, draw its figure, print its stations; the exit code."""
+    series = plate.make_series(full)
+    runs = RUNS / "fitted_figures" / ("full" if full else "coarse")
     for item in series:
         code = run_series(item, runs / item.name, ranks, dry_run=False)
         if code:
-            sys.exit(code)
-    lines = fitted_plate.read_lines(series, runs)
-    fitted_plate.draw_plate(path / "fitted_plate.svg", lines, 0.05 if full else 0.1)
-    print(fitted_plate.station_table(lines), end="")
+            return code
+    lines = plate.read_lines(series, runs)
+    plate.draw_plate(path / "fitted_plate.svg", lines, 0.05 if full else 0.1)
+    print(plate.station_table(lines), end="")
+    return 0
 
 
-def main():
+def main(words: list[str]) -> int:
     """Draw all figures into the folder."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--full", action="store_true", help="the plate with the paper's cells")
     parser.add_argument("--ranks", type=int, default=2, help="ranks of the plate's runs")
     parser.add_argument("folder", nargs="?", type=Path, help="where figures go")
-    arguments = parser.parse_args()
-    coarse = ROOT / "runs" / "fitted_figures" / "coarse"
-    path = arguments.folder or (ROOT / "docs" / "figures" if arguments.full else coarse)
+    arguments = parser.parse_args(words)
+    path = arguments.folder or (DOCS / "figures" if arguments.full else RUNS / "fitted_figures" / "coarse")
     path.mkdir(parents=True, exist_ok=True)
     plt.rcParams["svg.hashsalt"] = "fitted"
     draw_factors(path)
     draw_residual(path)
     draw_bar(path)
-    make_plate(path, arguments.full, arguments.ranks)
-
-
-if __name__ == "__main__":
-    main()
+    return make_plate(path, arguments.full, arguments.ranks)

@@ -1,28 +1,22 @@
-#!/usr/bin/env python3
-"""Break three plates by several rules and corrections, and fill the tables of docs/failure_criterion.md.
-
-Usage: tools/criterion_study [--full] [--only TEXT] [--dry-run] [--report]
+"""Bodies with corners and refined cells broken by several rules and corrections: docs/failure_criterion.md.
 
 A refined hole, a square notch and two holes, each coarse, with cells of half the edge at the same internal length, and
 with half the internal length as well. Each case leaves a file in runs/criterion_study/; one of the same settings is
-kept, so an interrupted series goes on where it stopped. `--full` adds the largest references. Tables are written
-between the markers of the document and the figure beside it, from all cases there are; one without a result is marked.
+kept. ``--full`` adds the largest references. A case without a result is marked in its table.
 """
 
-import argparse
-import json
-import sys
+from __future__ import annotations
+
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import islice
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
-
-from criterion_bodies import (  # noqa: E402
+from tools.studies import internals
+from tools.studies.failure_criterion.bodies import (
     BODIES,
     STRETCH,
     THICKNESS,
@@ -31,22 +25,11 @@ from criterion_bodies import (  # noqa: E402
     break_by_rule,
     make_scene,
     weights,
-)  # fmt: skip
+)
+from tools.studies.series import DOCS, RUNS, Results, fill, parser_of, table
 
-from pdfem_mpi import bond_factors  # noqa: E402
-from pdfem_mpi.body.discretization import discretize  # noqa: E402
-from pdfem_mpi.peridynamics.failure import make_failure  # noqa: E402
-from pdfem_mpi.measure.fields import point_positions  # noqa: E402
-from pdfem_mpi.model.forces import Forces  # noqa: E402
-from pdfem_mpi.model.loads import make_load_case  # noqa: E402
-from pdfem_mpi.model.model import build_model  # noqa: E402
-from pdfem_mpi.parallel.comm import mpi  # noqa: E402
-from pdfem_mpi.model.state import new_state  # noqa: E402
-from pdfem_mpi.stepping import events, follow_load_program, make_solver  # noqa: E402
-
-FOLDER = ROOT / "runs" / "criterion_study"
-DOCUMENT = ROOT / "docs" / "failure_criterion.md"
-FIGURE = ROOT / "docs" / "figures" / "failure_criterion.svg"
+RESULTS = Results(RUNS / "criterion_study")
+FIGURE = DOCS / "figures" / "failure_criterion.svg"
 VERSION = 1  # counts up when cases mean something else
 FIT_TOLERANCE = 1e-5  # of the fits: far below what is read from them
 BULK = 27.0 * np.sqrt(np.pi) / 16.0 * (2.0 / 3.0) * 0.971457  # G_c / (E l s_0^2) of the bulk, cutoff 2.5 l
@@ -104,25 +87,25 @@ RULED += (Case("hole", 0.5, 0.5, "fitted", "r>=0.5", only_first=True),)
 CASES = STRIPS + MODELS + REFINED + FINEST + RULED
 
 
+def identity(case: Case) -> dict[str, Any]:
+    """What a result depends on."""
+    return {"version": VERSION, "case": asdict(case) | {"full": False}}
+
+
 def read(case: Case) -> dict | None:
     """What a case gave; None where it has not run with these settings."""
-    try:
-        known = json.loads((FOLDER / f"{case.name}.json").read_text())
-    except (OSError, ValueError):
-        return None
-    return known if known["case"] | {"full": case.full} == asdict(case) and known["version"] == VERSION else None
+    return RESULTS.read(case.name, identity(case))
 
 
 def run(case: Case) -> dict:
     """Break the body; loads are stresses in the gross section over ``E s_0``, energies those over the ligament's."""
     began = time.process_time()
-    (FOLDER / "meshes").mkdir(parents=True, exist_ok=True)
-    scene = make_scene(case.body, case.h, case.length, case.correction, case.mirrored, FOLDER / "meshes")
-    discretization = discretize(scene)
-    model = build_model(scene, discretization, mpi().COMM_SELF, (FOLDER / "fits",))
-    load, state = make_load_case(scene, discretization, model), new_state(model)
-    forces = Forces(model, state.bounds)
-    failure = make_failure(scene, discretization, model)
+    meshes = RESULTS.folder / "meshes"
+    meshes.mkdir(parents=True, exist_ok=True)
+    scene = make_scene(case.body, case.h, case.length, case.correction, case.mirrored, meshes)
+    body = internals.assemble(scene, (RESULTS.folder / "fits",))
+    discretization, model = body.discretization, body.model
+    failure = internals.make_failure(scene, discretization, model)
     edge = case.h / discretization.units.length
     failure.nearest = 0.5 * edge if case.rule == PROGRAMS_OWN else 0.0
     fit = model.body_fit.fit if model.body_fit else None
@@ -134,15 +117,14 @@ def run(case: Case) -> dict:
         if case.rule not in ("all", PROGRAMS_OWN):
             bonds = BondList(discretization, model)
             rule = weights(case.rule, bonds, edge, discretization, model)
-            failure = Ruled(
-                failure.class_of, failure.stretch, failure.pairs, failure.strengths, failure.counter
-            ).follow(bonds, *rule)
-        solver = make_solver(scene, discretization, forces, load, print)
-        program = follow_load_program(scene, solver, failure, state, load)
+            books = failure.class_of, failure.stretch, failure.pairs, failure.strengths, failure.counter
+            failure = Ruled(*books).follow(bonds, *rule)
+        solver = internals.make_solver(scene, discretization, body.forces, body.load, print)
+        program = internals.follow_load_program(scene, solver, failure, body.state, body.load)
         rows = list(islice(program, 1 if case.only_first else None))
         known |= history(case, discretization, failure, rows, scene.mesh.symmetry)
-    known |= {"case": asdict(case), "version": VERSION, "seconds": time.process_time() - began}
-    (FOLDER / f"{case.name}.json").write_text(json.dumps(known, indent=1))
+    known["seconds"] = time.process_time() - began
+    RESULTS.write(case.name, identity(case), known)
     return known
 
 
@@ -158,7 +140,7 @@ def history(case: Case, discretization, failure, rows, planes) -> dict:
     known = {"first": stable[0].reaction * to_stress}
     if case.only_first:
         return known
-    x, ids = point_positions(discretization), failure.broken_pairs()
+    x, ids = internals.point_positions(discretization), failure.broken_pairs()
     n = len(x)
     ends = x[ids % n] - units.origin
     if len(planes):
@@ -199,52 +181,49 @@ def number(known: dict | None, key: str, form: str = ".3f") -> str:
     return "not run here" if known is None else "-" if known.get(key) is None else format(known[key], form)
 
 
-def describe(case: Case) -> str:
-    """A row of results."""
+HEAD = ("first break / E s_0", "its place", "peak / E s_0", "broken at the peak", "broken in all")
+HEAD += ("energy of the cracks",)
+
+
+def describe(case: Case) -> list[str]:
+    """Cells of a row of results."""
     known = read(case)
     keys = (("first", ".4f"), ("peak", ".4f"), ("broken_at_peak", ",d"), ("broken", ",d"), ("energy", ".2f"))
     columns = [number(known, key, form) for key, form in keys] if known else ["not run here"] + [""] * 4
     place = f"({', '.join(f'{c:g}' for c in known['place'])})" if known and "place" in known else ""
-    return " | ".join([*columns[:1], place, *columns[1:]])
-
-
-HEAD = "first break / E s_0 | its place | peak / E s_0 | broken at the peak | broken in all | energy of the cracks |"
+    return [columns[0], place, *columns[1:]]
 
 
 def tables() -> dict[str, list[str]]:
     """Sections of the document, by their names."""
-    models = [f"| body | h | l | correction | {HEAD}", "|---" * 10 + "|"]
-    for body in PLATES:
-        for case in MODELS + REFINED + FINEST:
-            if case.body == body:
-                models.append(f"| {body} | {case.h:g} | {case.length:g} | {case.correction} | {describe(case)} |")
-    rules = [f"| body | h, l | rule | {HEAD}", "|---" * 9 + "|"]
-    for body in PLATES:
-        for case in MODELS + RULED:
-            if case.body == body and case.correction == "fitted":
-                rules.append(f"| {body} | {case.h:g} | `{case.rule}` | {describe(case)} |")
-    strips = ["| h | l | thickness / l | " + " | ".join(CORRECTIONS) + " |", "|---" * 7 + "|"]
+    models = [
+        [body, f"{case.h:g}", f"{case.length:g}", case.correction, *describe(case)]
+        for body in PLATES
+        for case in MODELS + REFINED + FINEST
+        if case.body == body
+    ]
+    rules = [
+        [body, f"{case.h:g}", f"`{case.rule}`", *describe(case)]
+        for body in PLATES
+        for case in MODELS + RULED
+        if case.body == body and case.correction == "fitted"
+    ]
+    strips = []
     for h, length in ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5)):
-        cells = [
-            number(read(case), "fracture_energy") if case in STRIPS else "-"
-            for case in (Case("strip", h, length, correction, only_first=True) for correction in CORRECTIONS)
-        ]
-        strips.append(f"| {h:g} | {length:g} | {THICKNESS / length:g} | " + " | ".join(cells) + " |")
-    return {"models": models, "rules": rules, "fracture energies": strips}
+        cases = [Case("strip", h, length, correction, only_first=True) for correction in CORRECTIONS]
+        cells = [number(read(case), "fracture_energy") if case in STRIPS else "-" for case in cases]
+        strips.append([f"{h:g}", f"{length:g}", f"{THICKNESS / length:g}", *cells])
+    return {
+        "models": table(["body", "h", "l", "correction", *HEAD], models),
+        "rules": table(["body", "h, l", "rule", *HEAD], rules),
+        "fracture energies": table(["h", "l", "thickness / l", *CORRECTIONS], strips),
+    }
 
 
-def report() -> None:
-    """Write the tables between the markers of the document, and the figure."""
-    text = DOCUMENT.read_text()
-    for name, lines in tables().items():
-        begin, end = f"<!-- {name}: tools/criterion_study -->\n", f"<!-- end of {name} -->"
-        before, found, rest = text.partition(begin)
-        _, found_end, after = rest.partition(end)
-        if not found or not found_end:
-            sys.exit(f"{DOCUMENT}: the markers of {name} are missing.")
-        text = before + begin + "\n".join(lines) + "\n" + end + after
-    DOCUMENT.write_text(text)
-    draw()
+def prepare() -> None:
+    """Loosen the fits, and let bonds break by the rules of this study."""
+    internals.equations.TOLERANCE = FIT_TOLERANCE
+    internals.events.break_bonds = break_by_rule
 
 
 def draw() -> None:
@@ -277,15 +256,10 @@ def draw() -> None:
     figure.savefig(FIGURE, metadata={"Date": None})
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--full", action="store_true", help="the largest references too")
-    parser.add_argument("--only", default="", metavar="TEXT", help="cases whose name contains it")
-    parser.add_argument("--dry-run", action="store_true", help="list what would run")
-    parser.add_argument("--report", action="store_true", help="only write the tables")
-    options = parser.parse_args()
-    bond_factors.TOLERANCE = FIT_TOLERANCE
-    events.break_bonds = break_by_rule
+def main(words: Sequence[str]) -> int:
+    """Run what is left, and fill the tables."""
+    options = parser_of(__doc__, full="the largest references too").parse_args(words)
+    prepare()
     for case in CASES:
         if options.report or options.only not in case.name or (case.full and not options.full) or read(case):
             continue
@@ -296,9 +270,7 @@ def main():
         known = run(case)
         keys = ("first", "peak", "broken", "energy", "fracture_energy", "fit_residual", "largest_factor", "seconds")
         print(", ".join(f"{key} {number(known, key, '.4g')}" for key in keys if known.get(key) is not None), flush=True)
-    if not options.dry_run and DOCUMENT.exists():
-        report()
-
-
-if __name__ == "__main__":
-    main()
+    if not options.dry_run:
+        fill(DOCS / "failure_criterion.md", tables())
+        draw()
+    return 0

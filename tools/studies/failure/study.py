@@ -1,28 +1,24 @@
-#!/usr/bin/env python3
-"""Break the plate with the cutout in many settings and fill the tables of docs/failure.md.
+"""The plate with the cutout broken in many settings: the tables of docs/failure.md.
 
-Usage: tools/failure_study [--full] [--only TEXT] [--ranks N] [--dry-run] [--report]
-
-Runs `.venv/bin/pdfem` where tools/run has made it, else the `pdfem` on the PATH. Each case is a run folder in
-runs/failure_study/; one that holds a finished run of the same settings is kept, so an interrupted series goes on where
-it stopped. `--full` adds the paper's spacing. Tables are written between the markers of docs/failure.md, from all runs
-there are; a case without a run is marked.
+Each case is a run folder in runs/failure_study/; one that holds a finished run of the same settings is kept. ``--full``
+adds the paper's spacing. A case without a run is marked in its table.
 """
 
-import argparse
-import csv
+from __future__ import annotations
+
 import json
-import shutil
-import subprocess
 import sys
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
-FOLDER = ROOT / "runs" / "failure_study"
-DOCUMENT = ROOT / "docs" / "failure.md"
-DECK = ROOT / "jobs" / "plate_cutout.toml"
+from tools.studies.series import DOCS, JOBS, RUNS, Results, fill, parser_of, rows_of, run_deck, summary_of, table
+
+RESULTS = Results(RUNS / "failure_study")
+DECK = "plate_cutout.toml"
+#: Exit codes of a run that counts: finished, or apart.
+ENDED = (0, 74)
 COARSE = 0.1  # twice the paper's spacing: two cells across the thickness
 PAPERS_INCREMENT = 3.125e-6  # of the load factor, an iteration: 3.125e-8 in of 0.01 in
 QUIET = {f"output.{name}": "false" for name in ("fields", "figures", "damage")}
@@ -74,7 +70,8 @@ SECTIONS = (
     )),
     ("inner_iterations", "sweeps between batches", (
         events("inner-2", "2", inner_iterations=2), events("inner-4", "4", inner_iterations=4), BASE,
-        events("inner-16", "16", inner_iterations=16), events("inner-200", "to the arrest tolerance", inner_iterations=200),
+        events("inner-16", "16", inner_iterations=16),
+        events("inner-200", "to the arrest tolerance", inner_iterations=200),
     )),
     ("arrest_tolerance", "arrest tolerance", (
         events("arrest-1e-2", "1e-2", arrest_tolerance=1e-2), BASE,
@@ -94,31 +91,22 @@ def all_cases() -> list[Case]:
     return list(dict.fromkeys(case for _, _, cases in SECTIONS for case in cases))
 
 
-def read_deck() -> dict:
-    """The deck without its comments, as JSON holds it."""
-    return json.loads(json.dumps(tomllib.loads(DECK.read_text())))
+def identity(case: Case) -> dict[str, Any]:
+    """What a run depends on: the settings, and the deck without its comments, as JSON holds it."""
+    return json.loads(json.dumps({"settings": case.settings, "deck": tomllib.loads((JOBS / DECK).read_text())}))
 
 
 def is_done(case: Case) -> bool:
-    """Whether the folder holds a finished run with these settings of this deck."""
-    try:
-        known = json.loads((FOLDER / case.name / "case.json").read_text())
-    except (OSError, ValueError):
-        return False
-    return known["settings"] == case.settings and known["deck"] == read_deck()
+    """Whether there is a finished run with these settings of this deck."""
+    return RESULTS.read(case.name, identity(case)) is not None
 
 
-def run_case(case: Case, program: str, ranks: int) -> None:
-    """Run it; its folder tells the settings and how it ended."""
-    out = FOLDER / case.name
-    command = [program, "run", str(DECK), "-n", str(ranks), "--out", str(out), "--overwrite"]
-    for key, value in case.settings.items():
-        command += ["--set", f"{key}={value}"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode not in (0, 74):
+def run_case(case: Case, ranks: int) -> None:
+    """Run it, and keep how it ended."""
+    done = run_deck(DECK, case.settings, RESULTS.folder / case.name, "-n", str(ranks), "--overwrite", check=False)
+    if done.returncode not in ENDED:
         sys.exit(f"{case.name}: exit code {done.returncode}\n{done.stdout}{done.stderr}")
-    known = {"settings": case.settings, "deck": read_deck(), "code": done.returncode}
-    (out / "case.json").write_text(json.dumps(known, indent=1))
+    RESULTS.write(case.name, identity(case), {"code": done.returncode})
 
 
 @dataclass(frozen=True)
@@ -138,9 +126,7 @@ class Result:
 
 def read_result(folder: Path) -> Result:
     """Peak over stable states (critical ones; of a ramp over all), extents, costs."""
-    with (folder / "history.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    summary = json.loads((folder / "summary.json").read_text())
+    rows, summary = rows_of(folder / "history.csv"), summary_of(folder)
 
     def number(row, key):
         return float(row[key]) if row[key] else 0.0
@@ -164,62 +150,39 @@ def read_result(folder: Path) -> Result:
     )
 
 
-def table(name: str, head: str, cases) -> list[str]:
+HEAD = (
+    "first break / lbf", "peak / lbf", "displacement at peak / in", "bonds broken at the peak, at the end", "band / in",
+    "sweeps", "ledger error", "end",
+)  # fmt: skip
+
+
+def section(name: str, head: str, cases: tuple[Case, ...]) -> list[str]:
     """A section as lines of Markdown."""
-    lines = [
-        f"| {head} | first break / lbf | peak / lbf | displacement at peak / in | bonds broken at the peak, at the end "
-        "| band / in | sweeps | ledger error | end |",
-        "|---" * 9 + "|",
-    ]
+    rows = []
     for case in cases:
         if not is_done(case):
-            lines.append(f"| {case.label} | not run here" + " |" * 8)
+            rows.append([case.label, "not run here", *[""] * (len(HEAD) - 1)])
             continue
-        r = read_result(FOLDER / case.name)
-        ledger = "-" if r.ledger is None else f"{r.ledger:.0e}"
+        r = read_result(RESULTS.folder / case.name)
         label = OF_BASE[name] if case is BASE else case.label
-        lines.append(
-            f"| {label} | {r.first:.1f} | {r.peak:.1f} | {0.01 * r.at:.6f} | {r.broken_at_peak:,}, {r.broken:,} "
-            f"| {r.width:.2f} | {r.sweeps:,} | {ledger} | {r.end} |"
-        )
-    return lines
+        broken = f"{r.broken_at_peak:,}, {r.broken:,}"
+        ledger = "-" if r.ledger is None else f"{r.ledger:.0e}"
+        numbers = [f"{r.first:.1f}", f"{r.peak:.1f}", f"{0.01 * r.at:.6f}", broken, f"{r.width:.2f}", f"{r.sweeps:,}"]
+        rows.append([label, *numbers, ledger, r.end])
+    return table([head, *HEAD], rows)
 
 
-def report() -> None:
-    """Write the tables between the markers of the document."""
-    text = DOCUMENT.read_text()
-    for name, head, cases in SECTIONS:
-        begin, end = f"<!-- {name}: tools/failure_study -->\n", f"<!-- end of {name} -->"
-        before, found, rest = text.partition(begin)
-        _, found_end, after = rest.partition(end)
-        if not found or not found_end:
-            sys.exit(f"{DOCUMENT}: the markers of {name} are missing.")
-        text = before + begin + "\n".join(table(name, head, cases)) + "\n" + end + after
-    DOCUMENT.write_text(text)
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--full", action="store_true", help="also at the paper's spacing")
-    parser.add_argument("--only", default="", metavar="TEXT", help="cases whose name contains it")
+def main(words: list[str]) -> int:
+    """Run what is left, and fill the tables."""
+    parser = parser_of(__doc__, full="also at the paper's spacing")
     parser.add_argument("--ranks", type=int, default=2)
-    parser.add_argument("--dry-run", action="store_true", help="list what would run")
-    parser.add_argument("--report", action="store_true", help="only write the tables")
-    options = parser.parse_args()
-    pdfem = ROOT / ".venv" / "bin" / "pdfem"
-    program = str(pdfem) if pdfem.exists() else shutil.which("pdfem")
-    if program is None:
-        sys.exit("tools/failure_study: no pdfem found. Run `tools/run jobs/bar_fe.toml` once, which sets up .venv.")
-    FOLDER.mkdir(parents=True, exist_ok=True)
+    options = parser.parse_args(words)
     for case in all_cases():
         if options.report or options.only not in case.name or (case.full and not options.full) or is_done(case):
             continue
         print(case.name, case.settings, flush=True)
         if not options.dry_run:
-            run_case(case, program, options.ranks)
+            run_case(case, options.ranks)
     if not options.dry_run:
-        report()
-
-
-if __name__ == "__main__":
-    main()
+        fill(DOCS / "failure.md", {name: section(name, head, cases) for name, head, cases in SECTIONS})
+    return 0

@@ -1,23 +1,18 @@
-#!/usr/bin/env python3
-"""Run the paper's bar with more and with less in it, and fill the table of docs/needs.md: bytes by part, time.
+"""The paper's bar with more and with less in it: bytes by part and processor time, for the table of docs/needs.md.
 
-Usage: tools/needs_table [options of pdfem run, e.g. --set mesh.spacing=0.1]
-
-Runs `.venv/bin/pdfem` where tools/run has made it, else the `pdfem` on the PATH, one rank, one run after the other.
-Times are processor time of the whole process, kernels loaded from the cache.
+One rank, one run after the other, kernels loaded from the cache; options are those of ``pdfem run``, for example
+``--set mesh.spacing=0.1``. Nothing is kept: a row's time and memory are measured together.
 """
 
-import json
+from __future__ import annotations
+
 import resource
-import shutil
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-DOCUMENT = ROOT / "docs" / "needs.md"
-BEGIN, END = "<!-- table: tools/needs_table -->", "<!-- end of the table -->"
+from tools.studies.series import DOCS, fill, program, run_deck, summary_of, table
+
 COMMON = {"solver.kind": '"cg"', "output.fields": "false", "output.figures": "false", "probes": "[]"}
 BREAKING = {"material.critical_stretch": "0.01"}  # ten times the strain: all bonds are looked at, none breaks
 QUARTER = {"mesh.lower": "[-5.0, 0.0, 0.0]", "mesh.symmetry": '["y-", "z-"]'}
@@ -48,30 +43,21 @@ GROUPS = {
 }  # fmt: skip
 
 
-def main():
-    pdfem = ROOT / ".venv" / "bin" / "pdfem"
-    program = str(pdfem) if pdfem.exists() else shutil.which("pdfem")
-    if program is None:
-        sys.exit("tools/needs_table: no pdfem found. Run `tools/run jobs/bar_fe.toml` once, which sets up .venv.")
-    subprocess.run([program, "warmup"], check=True, capture_output=True)
-    sizes = (*GROUPS, "all arrays", "estimated", "peak")
-    names = ("undirected bonds", *sizes, "evaluations", "processor s", "bond kernels called")
-    lines = ["| scene | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
+
+def main(words: list[str]) -> int:
+    """Run all scenes, print the rows, fill the table."""
+    subprocess.run([program(), "warmup"], check=True, capture_output=True)
+    header = ["scene", "undirected bonds", *GROUPS, "all arrays", "estimated", "peak", "evaluations", "processor s"]
+    rows = []
     with tempfile.TemporaryDirectory() as folder:
         for number, (name, deck, settings) in enumerate(CASES):
-            options = [f"--set={key}={value}" for key, value in (COMMON | settings).items()]
             out = Path(folder) / str(number)
-            command = [program, "run", str(ROOT / "jobs" / deck), *options, *sys.argv[1:], "--out", str(out)]
             before = processor_time()
-            done = subprocess.run(command, capture_output=True, text=True)
-            if done.returncode:
-                sys.exit(done.stdout + done.stderr)
-            seconds = processor_time() - before
-            lines.append(f"| {name} | {row(json.loads((out / 'summary.json').read_text()), seconds)} |")
-            print(lines[-1], flush=True)
-    text = DOCUMENT.read_text(encoding="utf-8")
-    first, rest = text.split(BEGIN)
-    DOCUMENT.write_text("\n".join([f"{first}{BEGIN}", *lines, END + rest.split(END)[1]]), encoding="utf-8")
+            run_deck(deck, COMMON | settings, out, *words)
+            rows.append([name, *row(summary_of(out), processor_time() - before)])
+            print(" | ".join(rows[-1]), flush=True)
+    fill(DOCS / "needs.md", {"table": table([*header, "bond kernels called"], rows)})
+    return 0
 
 
 def processor_time():
@@ -86,22 +72,16 @@ def row(summary, seconds):
     sizes = memory["array_bytes"]
     groups = [sum(sizes.get(part, 0) for part in parts) for parts in GROUPS.values()]
     start, estimated, peak = (memory[f"{name}_bytes_per_rank"][0] for name in ("before_set_up", "estimated", "peak"))
-    return " | ".join(
-        [
-            f"{summary['counts']['undirected_bonds']:,}",
-            *(show(size) for size in (*groups, sum(sizes.values()), estimated, peak - start)),
-            f"{summary['solve']['evaluations']}",
-            f"{seconds:.1f}",
-            "; ".join(memory["bond_kernels"]) or "-",
-        ]
-    )
+    return [
+        f"{summary['counts']['undirected_bonds']:,}",
+        *(show(size) for size in (*groups, sum(sizes.values()), estimated, peak - start)),
+        f"{summary['solve']['evaluations']}",
+        f"{seconds:.1f}",
+        "; ".join(memory["bond_kernels"]) or "-",
+    ]
 
 
 def show(size):
     """MiB with three figures or so; a dash for nothing."""
     mib = size / 2**20
     return "-" if not size else f"{mib:.0f}" if mib >= 9.95 else f"{mib:.1f}" if mib >= 0.095 else "< .1"
-
-
-if __name__ == "__main__":
-    main()
