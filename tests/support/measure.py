@@ -1,4 +1,4 @@
-"""What tests and docs/paper.md measure alike on small bodies: eigenvalues, elastic constants, release rates, damage."""
+"""What is measured on small bodies: bonds, eigenvalues, elastic constants, release rates, damage."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from pdfem_mpi.deck.scene import Crack, Output
 from pdfem_mpi.measure.fields import gather_damage, point_positions
-from pdfem_mpi.peridynamics.bonds import cut_bonds
+from pdfem_mpi.peridynamics.bonds import BULK_MODULUS, cut_bonds
 from support.bodies import bond_list, build, make_scene
 
 POWER_ITERATIONS = 200
@@ -18,8 +18,8 @@ GAPS = {0.0: 1.0 - 1.0 / math.sqrt(3.0), 0.5: 1.0 / math.sqrt(3.0)}
 BESIDE = 0.1  # half widths
 
 
-def largest_eigenvalue(body, mass=None):
-    """Rayleigh quotient of ``M^-1 K`` after a power iteration from a seeded vector: a lower bound.
+def largest_eigenvalue(body, mass=None, steps=POWER_ITERATIONS):
+    """Rayleigh quotient of ``M^-1 K`` after some steps of power iteration from a seeded vector: a lower bound.
 
     Unknowns of infinite mass are held.
     """
@@ -27,7 +27,7 @@ def largest_eigenvalue(body, mass=None):
     free = np.isfinite(mass)
     weights = np.where(free, mass, 0.0)
     x = np.where(free, np.random.default_rng(0).standard_normal(len(mass)), 0.0)
-    for _ in range(POWER_ITERATIONS):
+    for _ in range(steps):
         y = -body.internal(x) / mass
         quotient = (x * weights) @ y / ((x * weights) @ x)
         x = y / np.abs(y).max()
@@ -105,3 +105,32 @@ def damage_by_layer(body):
     inner = np.abs(x[:, 1:]).max(axis=1) < 0.5
     distance = np.abs(x[inner, 0]).round(6)
     return [damage[inner][distance == value] for value in np.unique(distance)]
+
+
+def stored_responses(body_bonds, volume: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Distances and responses ``c exp`` of a body's stored bonds (linear kinematics), in cell edges and k / edge^4."""
+    x, i, j, stored = body_bonds
+    r = np.linalg.norm(x[j] - x[i], axis=1)
+    response = stored * r**3 / (volume[i] * volume[j]) / BULK_MODULUS / length**4
+    return r * length, response
+
+
+def single_bond(body, body_bonds, stretch: np.ndarray) -> np.ndarray:
+    """Forces of one bond of a finite-kinematics body, all others taken out, at some stretches."""
+    x, i, j, _ = body_bonds
+    chosen = int(np.argmin(np.linalg.norm(x[j] - x[i], axis=1)))
+    a, b = int(i[chosen]), int(j[chosen])
+    rows = body.model.bonds.interior
+    data = rows.data.reshape(-1, 8)
+    for row in range(len(rows.offset)):
+        in_row = row >= rows.start[a] and row < rows.start[a + 1] and rows.offset[row] // 36 == b // 4
+        for lane in range(4):
+            if not (in_row and lane == b % 4):
+                data[row, lane] = data[row, 4 + lane] = 0.0
+    found = []
+    for s in stretch:
+        u = np.zeros_like(x)
+        u[b] = s * (x[b] - x[a])
+        force = body.internal(body.of_positions(lambda places, u=u: u)).reshape(-1, 3, 4).swapaxes(1, 2).reshape(-1, 3)
+        found.append(float(np.linalg.norm(force[b])))
+    return np.array(found)

@@ -70,9 +70,10 @@ def distort(body: Body) -> Body:
     return replace(body, discretization=moved, model=model, forces=Forces(model, state.bounds), state=state)
 
 
-def block(name: str) -> Body:
-    """One of `BLOCKS`, assembled without loads."""
+def block(name: str, size: tuple[tuple[int, int, int], int] | None = None) -> Body:
+    """One of `BLOCKS`, assembled without loads, with other cells and layers of elements where ``size`` says so."""
     cells, n_elements, options = BLOCKS[name]
+    cells, n_elements = size or (cells, n_elements)
     body = build(make_scene(cells, n_elements, **options), loaded=False)
     return distort(body) if name == DISTORTED else body
 

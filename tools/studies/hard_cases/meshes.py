@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Write the meshes of jobs/hard/meshes: distorted bars, and blocks that hang together by little.
 
-Usage: tools/hard_meshes.py [FOLDER]
+Usage: tools/studies/hard_cases/meshes.py [FOLDER]
 
 The files are part of the repository; this tells how they were made. Abaqus text with 17 digits; jitter is seeded.
 """
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-FOLDER = Path(__file__).resolve().parent.parent / "jobs" / "hard" / "meshes"
+FOLDER = Path(__file__).resolve().parents[3] / "jobs" / "hard" / "meshes"
 CELLS = (10, 4, 4)
 JITTER, GRADING, ASPECT, SEED = 0.15, 20.0, 10.0, 8
 

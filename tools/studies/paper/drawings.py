@@ -11,13 +11,9 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.deck.toml import read_deck
-from pdfem_mpi.peridynamics.bonds import BULK_MODULUS, RESPONSE_CONSTANT
-from pdfem_mpi.results.plots import STYLE
-from pdfem_mpi.results.study import CURVES
+from tools.studies.internals import CURVES, STYLE, discretize, read_deck
+from tools.studies.series import JOBS
 
-ROOT = Path(__file__).resolve().parent.parent
 DPI, LAYOUT = 110, "constrained"
 CUTOFF = 2.5
 NAMES = {"finite elements": CURVES[0], "peridynamics": CURVES[1], "coupled": CURVES[2]}
@@ -131,7 +127,7 @@ def bond_law(path: Path, stretch: np.ndarray, force: np.ndarray, limit: float) -
 
 def _cells(panel, deck: str, overrides: Sequence[str], axes=(0, 1), linewidth=0.3) -> None:
     """The cells of a deck's mesh on one side of it, filled by what describes them."""
-    scene = read_deck(ROOT / "jobs" / deck, overrides)
+    scene = read_deck(JOBS / deck, overrides)
     made = discretize(scene)
     mesh = made.mesh
     across = 3 - sum(axes)
@@ -316,37 +312,3 @@ def displacements_at_x0(
             if paper is not None:
                 panel.axvline(paper, color="#555555", linestyle="--", linewidth=1.0, label="paper's choice")
         below(picture)
-
-
-def stored_responses(body_bonds, volume: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
-    """Distances and responses ``c exp`` of a body's stored bonds (linear kinematics), in cell edges and k / edge^4."""
-    x, i, j, stored = body_bonds
-    r = np.linalg.norm(x[j] - x[i], axis=1)
-    response = stored * r**3 / (volume[i] * volume[j]) / BULK_MODULUS / length**4
-    return r * length, response
-
-
-def single_bond(body, body_bonds, stretch: np.ndarray) -> np.ndarray:
-    """Forces of one bond of a finite-kinematics body, all others taken out, at some stretches."""
-    x, i, j, _ = body_bonds
-    chosen = int(np.argmin(np.linalg.norm(x[j] - x[i], axis=1)))
-    a, b = int(i[chosen]), int(j[chosen])
-    rows = body.model.bonds.interior
-    data = rows.data.reshape(-1, 8)
-    for row in range(len(rows.offset)):
-        in_row = row >= rows.start[a] and row < rows.start[a + 1] and rows.offset[row] // 36 == b // 4
-        for lane in range(4):
-            if not (in_row and lane == b % 4):
-                data[row, lane] = data[row, 4 + lane] = 0.0
-    found = []
-    for s in stretch:
-        u = np.zeros_like(x)
-        u[b] = s * (x[b] - x[a])
-        force = body.internal(body.of_positions(lambda places, u=u: u)).reshape(-1, 3, 4).swapaxes(1, 2).reshape(-1, 3)
-        found.append(float(np.linalg.norm(force[b])))
-    return np.array(found)
-
-
-def response_scale() -> float:
-    """``c l^4 / k`` of the program: 9 / pi."""
-    return RESPONSE_CONSTANT / BULK_MODULUS

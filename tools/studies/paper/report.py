@@ -1,52 +1,31 @@
-"""docs/paper.md: numbers from the finished runs and from small bodies, the figures, and the two tables."""
+"""docs/paper.md: numbers from the finished runs and from what the tests measured, the figures, and the filled template.
+
+A cell of a table whose numbers are missing says "not run".
+"""
 
 from __future__ import annotations
 
-import math
+import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import paper_figures as draw
-from paper_cases import COARSE_CORNERS, ROOT, STRAIN, X0, Y0, Result, Series, results
-from paper_rows import EQUATIONS, FIGURES
-from verification.bodies import bond_list, build, make_scene
-from verification.measure import (
-    cracked_block,
-    damage_by_layer,
-    largest_eigenvalue,
-    lattice_constants,
-    lattice_of,
-    release_rate_inside,
-)
-from verification.patch import BLOCKS, STRAINS, block, patch_test
 
-from pdfem_mpi.kernels import surface_correction
-from pdfem_mpi.model.model import point_rows
-from pdfem_mpi.peridynamics import bonds as bonds_module
-from pdfem_mpi.peridynamics.bonds import BULK_MODULUS
+from tools.studies.members import Result, Series, results
+from tools.studies.paper import drawings as draw
+from tools.studies.paper.cases import COARSE_CORNERS, STRAIN, X0, Y0
+from tools.studies.series import table
 
+TEMPLATE = Path(__file__).with_name("template.md")
 Found = dict[str, list[Result]]
-KEPT = 0.971457  # of the fracture energy by r_c = 2.5 l
-CRITICAL_STRETCH = 0.0025
 BAR_STRAIN = 1.0e-3
 READINGS = {"paper": "reading B", "paper_a": "reading A"}
-SWEEPS = (1, 2, 3, 4, 5, 6, 8, 10, 11, 12, 15, 18, 21, 25, 31)  # a sweep tells what was left before it
-FEW_SWEEPS = (1, 6, 11, 21)
 PLATE_OVERRIDES = ["mesh.spacing=0.2", *(f"regions.{name}={corner}" for name, corner in COARSE_CORNERS.items())]
-CAPTIONS = {
-    "paper_02.png": "Fig. 2. Response per unit stretch against distance.",
-    "paper_04_05.png": "Figs 4 and 5. One bond pulled beyond the critical stretch; response under constant stretch.",
-    "paper_11.png": "Fig. 11. Cells of the bar; the load acts on the last layer of cells of both ends.",
-    "paper_12.png": "Fig. 12. Bar: displacement, and what each model misses.",
-    "paper_13_14.png": "Figs 13 and 14. Plate: regions and cells.",
-    "paper_15.png": "Fig. 15. Plate without failure: both components along the bottom line.",
-    "paper_a.png": "Appendix A. Convergence of the surface correction, and its factors beneath a face.",
-    "paper_b2.png": "Fig. B2. Poisson's ratio against thickness.",
-    "paper_b3.png": "Fig. B3. Displacements at x0 against thickness.",
-    "paper_b4.png": "Fig. B4. Displacements at x0 against the cutoff radius, one cell thick.",
-    "paper_b5.png": "Fig. B5. Displacements at x0 against the internal length.",
-}
+FULL = "Full size."
+COARSE = "Coarse set: numbers are those of coarse cells, see `tools/studies/study paper --full`."
+#: What separates the cells of a table's row.
+CELLS = re.compile(r"(?<!\\) \| ")
 
 
 def unfinished(series: list[Series], runs: Path) -> list[str]:
@@ -61,140 +40,86 @@ def unfinished(series: list[Series], runs: Path) -> list[str]:
     return missing
 
 
-def write_report(path: Path, figures: Path, series: list[Series], runs: Path, full: bool) -> None:
-    """Measure, draw, and write the document; rows whose series have no run say so."""
+def write_report(
+    path: Path, figures: Path, series: list[Series], runs: Path, measured: dict[str, Any], full: bool
+) -> None:
+    """Draw, and fill the template; cells whose runs are missing say so.
+
+    Parameters
+    ----------
+    measured : dict
+        What the tests measured on small bodies; empty where they did not run.
+    """
     found = results(series, runs)
-    numbers: dict[str, object] = {"failure": _failure()}
+    numbers: dict[str, Any] = {"size": FULL if full else COARSE, "figures": figures.relative_to(path.parent)}
+    if measured:
+        numbers |= measured | {"patch_table": _patch_table(measured)}
+        _draw_small_bodies(measured, figures)
     for needs, make in STEPS:
         if all(name in found for name in needs):
             numbers |= make(found, figures, full)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(_document(numbers, path, figures, full), encoding="utf-8")
+    path.write_text(fill_template(TEMPLATE.read_text(encoding="utf-8"), numbers, figures), encoding="utf-8")
 
 
-# --- measuring and drawing -------------------------------------------------------------------------------
+def fill_template(template: str, numbers: dict[str, Any], figures: Path) -> str:
+    """The text with its numbers; a figure that was not drawn is left out with its caption."""
+    lines = []
+    parts = template.split("\n\n")
+    for part, before in zip(parts, ["", *parts], strict=False):
+        name = _figure_of(part) or _figure_of(before)
+        if name is None or (figures / name).exists():
+            lines.append("\n".join(_fill_line(line, numbers) for line in part.split("\n")))
+    return "\n\n".join(lines)
 
 
-def _failure() -> str:
-    if (ROOT / "docs" / "failure.md").exists():
-        return "see failure: `docs/failure.md`"
-    return "`jobs/plate_cutout.toml` runs it and draws its damage; nothing is compared with the paper here yet"
+def _figure_of(part: str) -> str | None:
+    """The file that a paragraph shows."""
+    found = re.fullmatch(r"!\[.*\]\(\{figures\}/(.*)\)", part)
+    return found.group(1) if found else None
 
 
-def _small_bodies(found: Found, figures: Path, full: bool) -> dict[str, object]:
-    """What needs no run: single bonds, lattice constants, release rates, damage, eigenvalues, patch tests."""
-    stored, error = [], 0.0
-    for length in (0.5, 1.0, 1.5, 2.0):
-        scene = make_scene((4, 4, 4), correction="none")
-        peridynamics = scene.peridynamics.model_copy(update={"internal_length": length, "cutoff_radius": 2.5 * length})
-        body = build(scene.model_copy(update={"peridynamics": peridynamics}), loaded=False)
-        r, response = draw.stored_responses(bond_list(body), body.model.points.volume, length)
-        exact = 9.0 / (math.pi * length**4) * np.exp(-((r / length) ** 2))
-        error = max(error, float(np.abs(response / exact - 1.0).max()))
-        shown = np.unique(r.round(6), return_index=True)[1]
-        stored.append((length, r[shown], response[shown]))
-    draw.locality(figures / "paper_02.png", stored)
-
-    body = build(make_scene((1, 1, 1), correction="none", kinematics="finite"), loaded=False)
-    stretch = np.linspace(0.0, 1.25 * CRITICAL_STRETCH, 26)
-    force = draw.single_bond(body, bond_list(body), stretch)
-    slope = force[-1] / stretch[-1]
-    draw.bond_law(figures / "paper_04_05.png", stretch, force / (slope * CRITICAL_STRETCH), CRITICAL_STRETCH)
-
-    constant = 27.0 * math.sqrt(math.pi) / 16.0
-    release = [release_rate_inside(length) / (constant * KEPT * BULK_MODULUS) for length in (1.0, 1.5)]
-    n = 12 if full else 8  # appendix A's factors are those of an infinite body from about 12 cells on
-    lattice = {
-        kind: lattice_constants(build(make_scene((n, n, n), correction=kind), loaded=False))
-        for kind in ("none", "appendix_a")
-    }
-    layers = [float(layer.mean()) for layer in damage_by_layer(cracked_block())]
-    block_size = (8, 8, 8) if full else (4, 4, 4)
-    corrected, plain = (build(make_scene(block_size, correction=kind)) for kind in ("appendix_a", "none"))
-    patch = {}
-    for name in BLOCKS if full else (next(iter(BLOCKS)), *(name for name in BLOCKS if name.startswith("coupled"))):
-        body = block(name)
-        patch[name] = [patch_test(body, strain) for strain in STRAINS]
-    worst = {name: max(error.displacement for error in errors) for name, errors in patch.items()}
-    names = list(BLOCKS)
-    return {
-        "locality_error": error,
-        "bond_law_error": float(np.abs(force - slope * stretch).max() / force.max()),
-        "fracture_constant": constant,
-        "fracture_cutoff": constant * KEPT,
-        "release_one": release[0],
-        "release_more": release[1],
-        "lattice_none": lattice["none"][0],
-        "lattice_a": lattice["appendix_a"][0],
-        "lattice_nu": lattice["appendix_a"][1],
-        "lattice_short": ", ".join(
-            "E/E0 = {:.2f}, nu = {:.3f} at l = {:g} Delta".format(*lattice_of(length), length)
-            for length in (0.75, 0.5, 0.4, 0.3)
-        ),
-        "damage_first": layers[0],
-        "damage_second": layers[1],
-        "damage_third": layers[2],
-        "eigenvalue": largest_eigenvalue(corrected),
-        "eigenvalue_printed": largest_eigenvalue(corrected, plain.model.mass),
-        "patch_fe": max(error.force for error in patch[names[0]]),
-        "patch_a": worst["coupled, reading A"],
-        "patch_b": worst["coupled, reading B"],
-        "patch": patch,
-    }
+def cells_of(line: str) -> list[str]:
+    """Cells of a table's row; nothing for another line."""
+    return CELLS.split(line[2:-2]) if line.startswith("| ") else []
 
 
-def _appendix_a(found: Found, figures: Path, full: bool) -> dict[str, object]:
-    """The surface correction of a block, sweep by sweep."""
-    n = 12 if full else 6
-    body = build(make_scene((n, n, n), correction="none"), loaded=False)
-    usual = surface_correction.SWEEPS
-    left_over, vectors = {}, {}
+def _fill_line(line: str, numbers: dict[str, Any]) -> str:
+    if cells := cells_of(line):
+        return "| " + " | ".join(_filled(cell, numbers) for cell in cells) + " |"
+    return _filled(line, numbers)
+
+
+def _filled(text: str, numbers: dict[str, Any]) -> str:
     try:
-        for sweeps in sorted({*(SWEEPS if full else FEW_SWEEPS), usual}):
-            surface_correction.SWEEPS = sweeps
-            materials = body.discretization.materials
-            flat, remaining = bonds_module._appendix_a(body.model.comm, body.model.points, materials, body.model.bonds)
-            left_over[sweeps - 1] = remaining
-            vectors[sweeps] = point_rows(flat)
-    finally:
-        surface_correction.SWEEPS = usual
-    x = point_rows(body.model.points.x)
-    depth = x + 0.5 * n
-    axis = (np.abs(x[:, 1:] + 0.2113) < 0.01).all(axis=1) & (x[:, 0] < 0.0)
-    order = np.flatnonzero(axis)[np.argsort(depth[axis, 0])]
-
-    def at(outer):
-        place = [depth.min() if out else x[x < 0].max() + 0.5 * n for out in outer]
-        return int(np.argmin(((depth - place) ** 2).sum(axis=1)))
-
-    draw.surface_correction(
-        figures / "paper_a.png",
-        {sweeps: value for sweeps, value in left_over.items() if sweeps + 1 in SWEEPS},
-        depth[order, 0],
-        vectors[usual][order][:, :2],
-        n,
-    )
-    face, edge, corner, inside = ((True, False, False), (True, True, False), (True,) * 3, (False,) * 3)
-    before = 1.0 / vectors[1]
-    return {
-        "g_face": before[at(face), 0],
-        "g_face_along": before[at(face), 1],
-        "g_edge": before[at(edge), 0],
-        "g_corner": before[at(corner), 0],
-        "g_inside": before[at(inside), 0],
-        "g_c_inside": vectors[usual][at(inside), 0],
-        "g_c_face": vectors[usual][at(face), 0],
-        "g_c_along": vectors[usual][at(face), 1],
-        "g_c_corner": vectors[usual][at(corner), 0],
-        "g_infinite": surface_correction.INFINITE_RESPONSE,
-        "left_0": left_over[0],
-        "left_5": left_over[5],
-        "left_10": left_over[10],
-        "left_20": left_over[20],
-    }
+        return text.format_map(numbers)
+    except KeyError:
+        return "not run"
 
 
-def _bar(found: Found, figures: Path, full: bool) -> dict[str, object]:
+def _patch_table(measured: dict[str, Any]) -> str:
+    rows = []
+    for name, errors in measured["patch"].items():
+        moved = (f"{error:.3f}" if error >= 1e-3 else "0.000" for error, _ in errors)
+        rows.append([name, *moved, f"{max(force for _, force in errors):.1e}"])
+    return "\n".join(table(["block", *measured["patch_strains"], "forces, worst"], rows))
+
+
+# --- numbers and figures -----------------------------------------------------------------------------------
+
+
+def _draw_small_bodies(measured: dict[str, Any], figures: Path) -> None:
+    """Figs 2, 4, 5 and those of appendix A."""
+    stored = [(length, np.array(r), np.array(response)) for length, r, response in measured["stored_responses"]]
+    draw.locality(figures / "paper_02.png", stored)
+    stretch, force = np.array(measured["bond_stretch"]), np.array(measured["bond_force"])
+    draw.bond_law(figures / "paper_04_05.png", stretch, force, measured["critical_stretch"])
+    layers = np.array(measured["layers"])
+    sweeps = {int(number): left for number, left in measured["sweeps"]}
+    draw.surface_correction(figures / "paper_a.png", sweeps, layers[:, 0], layers[:, 1:], measured["block_cells"])
+
+
+def _bar(found: Found, figures: Path, full: bool) -> dict[str, Any]:
     fe, pd = found["bar_fe"][0], found["bar_pd"][0]
     coupled = {result.values["coupling.kind"]: result for result in found["bar_coupled"]}
     lines = [("finite elements", 0, "-", fe), ("peridynamics", 1, "-", pd)]
@@ -225,7 +150,7 @@ def _bar(found: Found, figures: Path, full: bool) -> dict[str, object]:
     }
 
 
-def _plate(found: Found, figures: Path, full: bool) -> dict[str, object]:
+def _plate(found: Found, figures: Path, full: bool) -> dict[str, Any]:
     fe, pd = found["plate_fe"][0], found["plate_pd"][0]
     coupled = {result.values["coupling.kind"]: result for result in found["plate_coupled"]}
     curves = [("finite elements", 0, "-", fe), ("peridynamics", 1, "-", pd)]
@@ -267,7 +192,7 @@ def _thickness(result: Result) -> float:
     return float(result.values["mesh.upper.2"]) - float(result.values["mesh.lower.2"])
 
 
-def _thicknesses(found: Found, figures: Path, full: bool) -> dict[str, object]:
+def _thicknesses(found: Found, figures: Path, full: bool) -> dict[str, Any]:
     """Figs B2 and B3."""
     h = 0.08 if full else 0.5
     members = found["b2_thickness"] + found.get("b2_long", [])
@@ -304,7 +229,7 @@ def _thicknesses(found: Found, figures: Path, full: bool) -> dict[str, object]:
     }
 
 
-def _cutoffs(found: Found, figures: Path, full: bool) -> dict[str, object]:
+def _cutoffs(found: Found, figures: Path, full: bool) -> dict[str, Any]:
     """Fig. B4."""
     h = 0.08 if full else 0.5
     members = found["b4_cutoff"]
@@ -324,7 +249,7 @@ def _cutoffs(found: Found, figures: Path, full: bool) -> dict[str, object]:
     }
 
 
-def _internal_lengths(found: Found, figures: Path, full: bool) -> dict[str, object]:
+def _internal_lengths(found: Found, figures: Path, full: bool) -> dict[str, Any]:
     """Fig. B5."""
     h = 0.08 if full else 0.5
     cells = 10 if full else 2
@@ -343,84 +268,10 @@ def _internal_lengths(found: Found, figures: Path, full: bool) -> dict[str, obje
     return {"length_table": told}
 
 
-STEPS: tuple[tuple[tuple[str, ...], Callable[[Found, Path, bool], dict[str, object]]], ...] = (
-    ((), _small_bodies),
-    ((), _appendix_a),
+STEPS: tuple[tuple[tuple[str, ...], Callable[[Found, Path, bool], dict[str, Any]]], ...] = (
     (("bar_fe", "bar_pd", "bar_coupled"), _bar),
     (("plate_fe", "plate_pd", "plate_coupled"), _plate),
     (("b2_thickness", "b_fe"), _thicknesses),
     (("b4_cutoff", "b_fe"), _cutoffs),
     (("b5_internal_length", "b2_thickness", "b_fe"), _internal_lengths),
 )
-
-
-# --- writing ---------------------------------------------------------------------------------------------
-
-
-def _filled(text: str, numbers: dict[str, object]) -> str:
-    try:
-        return text.format_map(numbers)
-    except KeyError:
-        return "not run"
-
-
-def _row(cells: list[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") or "-" for cell in cells) + " |"
-
-
-def _tests(names: tuple[str, ...]) -> str:
-    return "; ".join(f"`{name.replace('::', '` `')}`" for name in names) or "-"
-
-
-def _patch_table(numbers: dict[str, object]) -> list[str]:
-    lines = [_row(["block", *STRAINS, "forces, worst"]), "|---" * (len(STRAINS) + 2) + "|"]
-    for name, errors in numbers["patch"].items():
-        forces = max(error.force for error in errors)
-        moved = (f"{error.displacement:.3f}" if error.displacement >= 1e-3 else "0.000" for error in errors)
-        lines.append(_row([name, *moved, f"{forces:.1e}"]))
-    return lines
-
-
-def _document(numbers: dict[str, object], path: Path, figures: Path, full: bool) -> str:
-    size = "Full size." if full else "Coarse set: numbers are those of coarse cells, see `tools/figures --full`."
-    relative = figures.relative_to(path.parent)
-    lines = [
-        "# The paper, claim by claim",
-        "",
-        "Kilic and Madenci (2010), *Coupling of peridynamic theory and the finite element method*, J. Mech. Mater.",
-        "Struct. 5(5). Written by `tools/figures --full`, which runs the decks of `jobs/`, draws the figures below and",
-        f"fills in the numbers. {size} Linear kinematics, so that closed forms are exact; finite kinematics change the",
-        "bar's elongation by -0.047 %. Tests are under `tests/`, code under `pdfem_mpi/`. The paper's own figures are",
-        "not copied here.",
-        "",
-        "## Figures",
-        "",
-        _row(["figure", "claim", "paper", "here", "exact", "remark", "tests"]),
-        "|---" * 7 + "|",
-    ]
-    for row in FIGURES:
-        texts = (_filled(text, numbers) for text in row[1:6])
-        lines.append(_row([row.figure, *texts, _tests(row.tests)]))
-    for name, caption in CAPTIONS.items():
-        if (figures / name).exists():
-            lines += ["", f"![{caption}]({relative}/{name})", "", f"*{caption}*"]
-    lines += [
-        "",
-        "## Patch tests",
-        "",
-        "A uniform strain is prescribed on the nodes of a block's surface and on the points within a cutoff radius of",
-        "it; the table shows how far a displacement inside moves from the uniform field, in cell edges per unit",
-        "strain, and the largest force on a free unknown in the uniform field itself, over the largest of a held one.",
-        "Rotations give no force in any of them.",
-        "",
-        *(_patch_table(numbers) if "patch" in numbers else []),
-        "",
-        "## Equations",
-        "",
-        _row(["equation", "what", "code", "tests", "how it is read, and what differs"]),
-        "|---" * 5 + "|",
-    ]
-    for row in EQUATIONS:
-        code = ", ".join(f"`{place}`" for place in row.code)
-        lines.append(_row([row.equation, row.says, code, _tests(row.tests), _filled(row.remark, numbers)]))
-    return "\n".join(lines) + "\n"
