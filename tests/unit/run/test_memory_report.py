@@ -124,7 +124,7 @@ def test_reasons_name_the_key(memory, scene, part, reason):
 
 
 def test_groups_of_the_table_have_each_part_once():
-    """Of docs/needs.md, made by tools/needs_table."""
+    """Of docs/needs.md, made by tools/studies/study memory."""
     loader = SourceFileLoader("needs_table", str(ROOT / "tools" / "needs_table"))
     table = module_from_spec(spec_from_loader("needs_table", loader))
     loader.exec_module(table)
