@@ -259,7 +259,8 @@ def draw() -> None:
 def main(words: Sequence[str]) -> int:
     """Run what is left, and fill the tables."""
     options = parser_of(__doc__, full="the largest references too").parse_args(words)
-    prepare()
+    if not options.dry_run:
+        prepare()
     for case in CASES:
         if options.report or options.only not in case.name or (case.full and not options.full) or read(case):
             continue
