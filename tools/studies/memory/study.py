@@ -43,7 +43,6 @@ GROUPS = {
 }  # fmt: skip
 
 
-
 def main(words: list[str]) -> int:
     """Run all scenes, print the rows, fill the table."""
     subprocess.run([program(), "warmup"], check=True, capture_output=True)
