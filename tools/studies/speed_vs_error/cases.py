@@ -20,6 +20,16 @@ SIDES = {"bar": (5.0, 0.2, 0.2), "plate": (4.5, 1.5, 0.1)}  # half the box
 COUPLED = ("paper", "paper_a")
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 CONVERGED = 1e-10  # of the case that a solver error is measured against
+MODES = {  # of corrections: words in a row's name, marker
+    "none": ("no correction", "x"),
+    "appendix_a": ("", "o"),
+    "virial": ("virial", "^"),
+    "fitted": ("fitted", "s"),
+    "fitted, positive": ("fitted, positive", "D"),
+}
+NAMES = {"cg": "conjugate gradients (cg)", "adr": "relaxation (adr)"}
+PHYSICS = ("internal_length", "cutoff", "correction", "signs", "fit", "kinematics", "interface")
+FLOOR = 1e-2  # percent; smaller errors stand on the lower edge of the figure, and fronts do not tell them apart
 
 
 @dataclass(frozen=True)
@@ -170,3 +180,8 @@ def _corrections(cases):
 def reference_case(quick):
     """The finest answer for the plate, which has no closed form."""
     return Case("plate", "fe", 0.05 if quick else 0.025, tolerance=1e-8)
+
+
+def mode(case) -> str:
+    """Return the correction of a case, one of ``MODES``."""
+    return "fitted, positive" if case.correction == "fitted" and case.signs == "bounded" else case.correction
