@@ -2,8 +2,6 @@
 
 import json
 import platform
-from importlib.machinery import SourceFileLoader
-from importlib.util import module_from_spec, spec_from_loader
 from unittest.mock import patch
 
 import numpy as np
@@ -121,14 +119,6 @@ def test_a_scene_has_the_parts_that_it_needs_and_a_reason_for_each_other(memory,
 )
 def test_reasons_name_the_key(memory, scene, part, reason):
     assert memory[scene]["left_out"][part] == reason
-
-
-def test_groups_of_the_table_have_each_part_once():
-    """Of docs/needs.md, made by tools/studies/study memory."""
-    loader = SourceFileLoader("needs_table", str(ROOT / "tools" / "needs_table"))
-    table = module_from_spec(spec_from_loader("needs_table", loader))
-    loader.exec_module(table)
-    assert sorted(part for parts in table.GROUPS.values() for part in parts) == sorted(PARTS)
 
 
 def test_bytes_are_those_of_the_rows():

@@ -5,6 +5,7 @@ from xml.sax.saxutils import quoteattr
 
 import pytest
 
+from pdfem_mpi.run.memory_report import PARTS
 from support.helpers import ROOT, run_python
 from tools.studies import series
 from tools.studies.failure import study as failure
@@ -103,6 +104,10 @@ def test_a_case_of_the_failure_study_without_a_run_is_marked(tmp_path, monkeypat
 
 def test_sizes_of_the_memory_table():
     assert [memory.show(size) for size in (0, 1000, 2**20, 50 * 2**20)] == ["-", "< .1", "1.0", "50"]
+
+
+def test_groups_of_the_memory_table_have_each_part_once():
+    assert sorted(part for parts in memory.GROUPS.values() for part in parts) == sorted(PARTS)
 
 
 def test_a_study_that_does_not_exist_is_refused_with_the_names_of_those_that_do():
