@@ -103,8 +103,8 @@ def stages(include_slow: bool) -> list[Stage]:
             [REPORTS / "no-jit.xml"],
             {"NUMBA_DISABLE_JIT": "1"},
         ),
-        mpi_stage(2, limit(360), f"mpi{slow}", *MPI_TESTS),
-        mpi_stage(4, limit(480), f"mpi{slow}", *MPI_TESTS),
+        mpi_stage(2, limit(360), f"mpi{slow} and not study", *MPI_TESTS),
+        mpi_stage(4, limit(480), f"mpi{slow} and not study", *MPI_TESTS),
         # more ranks than a small body has cells to share: seconds each go into starting them
         mpi_stage(8, 120, "mpi", COUNTS),
         *([mpi_stage(32, 300, "mpi", COUNTS)] if include_slow else []),

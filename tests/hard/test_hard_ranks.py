@@ -45,9 +45,13 @@ def digest_on(case, n, comm, folder):
         part.Free()
 
 
+# those that are long on one rank already are left to the study
+WHOLE = [pytest.param(case, marks=pytest.mark.study if case.short != () else (), id=case.title) for case in CASES]
+
+
 @pytest.mark.mpi
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.title)
+@pytest.mark.parametrize("case", WHOLE)
 def test_whole_case_has_the_same_bits_on_all_its_numbers_of_ranks(case, mpi_tmp_path, record_property):
     """As many of them as there are; on more than two ranks, cases that are meant for more."""
     comm = world()
