@@ -120,8 +120,8 @@ def compile_kernels(features: Collection[str] | None = None, share: int = 0, n_s
         kernel.disable_compile(False)  # those that the new ones call
     for kernel in share_out(chosen, n_shares)[share]:
         kernel.compile(tuple(chosen[kernel].args))  # as a call does: the cache keeps an entry with a return type apart
-    for kernel in kernels():
-        if kernel.signatures:
+    for kernel, signature in kernels().items():
+        if tuple(signature.args) in kernel.signatures:  # one that was only called stays open for other layouts
             kernel.disable_compile()
 
 

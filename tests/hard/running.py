@@ -37,9 +37,9 @@ def outcome_of(case, comm, folder, short=False):
 
 def judged(case, comm, folder, others, short=False):
     """Run and judge a case on one rank: (finding, what the report of the hard cases tells of it)."""
-    start = time.perf_counter()
+    start = time.process_time()
     scene, outcome = outcome_of(case, comm, folder, short)
-    seconds = time.perf_counter() - start
+    seconds = time.process_time() - start
     finding = case.judge(case, scene, outcome, others)
     told = {
         "family": case.family,
