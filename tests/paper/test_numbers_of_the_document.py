@@ -20,7 +20,8 @@ def all_finite(value):
     return not isinstance(value, float) or math.isfinite(value)
 
 
-@pytest.mark.parametrize("size", ["coarse", pytest.param("full", marks=pytest.mark.slow)])
+@pytest.mark.slow  # the coarse form is measured by the default test of the study
+@pytest.mark.parametrize("size", ["coarse", "full"])
 def test_numbers_of_small_bodies(size, record_property):
     """Stored bonds follow eq. 2 to single precision; the iteration of appendix A converges."""
     numbers = paper_numbers(size == "full")
