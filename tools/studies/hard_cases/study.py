@@ -53,8 +53,8 @@ this page.
   1e-7 are not seen.
 * **Verdict**: *solved*, or *refused* with exit code 64 (the deck) or 74 (no equilibrium) and the words that are quoted.
   Every row has the same bits on all its numbers of ranks and finite numbers only.
-* Evaluations are sweeps over all bonds and elements; seconds are processor time of the whole run on one rank, in a process
-  that has loaded the kernels of earlier ones.
+* Evaluations are sweeps over all bonds and elements; seconds are processor time of the whole run on one rank, in a
+  process that has loaded the kernels of earlier ones.
 """
 
 
