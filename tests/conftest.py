@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from helpers import assert_all
 from pdfem_mpi.system import launcher as launch
+from support.helpers import assert_all
 
 launch.prepare_environment()  # before anything loads numba
 

@@ -1,4 +1,4 @@
-"""The stages of ``tools/check`` after the environment: lint, serial, no JIT, and MPI on 2 and 4 ranks.
+"""The stages of ``tools/check`` after the environment: lint, serial, no JIT, and MPI on 2, 4 and more ranks.
 
 Every stage is a process group with a hard time limit, and writes a junit report (one per rank). A report that
 is missing, or a stage in which no test passed, is a failure: MPI tests are skipped, and green, without MPI.
@@ -27,6 +27,7 @@ REPORTS = ROOT / ".check"
 PYTEST = [sys.executable, "-m", "pytest", "-q"]
 NOTHING_COLLECTED = "exit code 5"
 TWO_AT_ONCE = ["-n", "2", "--dist", "worksteal"]
+MPI_TESTS, COUNTS = ("tests/mpi", "tests/hard"), "tests/mpi/test_counts.py"
 TAIL_LINES = 150
 GRACE_SECONDS = 5
 SLOW_SECONDS = 7200
@@ -59,14 +60,14 @@ def pytest(report: str, *arguments: str) -> list[str]:
     return [*PYTEST, f"--junitxml={REPORTS / report}", *arguments]
 
 
-def mpi_stage(ranks: int, seconds: float, selection: str) -> Stage:
-    """Return the stage of the MPI tests on some ranks; the shell puts the rank into the report's name."""
+def mpi_stage(ranks: int, seconds: float, selection: str, *tests: str) -> Stage:
+    """Return the stage of MPI tests on some ranks; the shell puts the rank into the report's name."""
     command, additions = launch.mpirun_command(ranks)
     name = f"mpi-{ranks}"
     reports = [REPORTS / f"{name}.{rank}.xml" for rank in range(ranks)]
     shell = ["/bin/sh", "-c", f'exec "$@" "--junitxml=$0.{RANK}.xml"', str(REPORTS / name)]
-    tests = [*PYTEST, "--only-mpi", "-m", selection, "tests/mpi"]
-    return Stage(name, [[*command, *shell, *tests]], seconds, reports, additions)
+    program = [*PYTEST, "--only-mpi", "-m", selection, *tests]
+    return Stage(name, [[*command, *shell, *program]], seconds, reports, additions)
 
 
 def stages(include_slow: bool) -> list[Stage]:
@@ -102,8 +103,11 @@ def stages(include_slow: bool) -> list[Stage]:
             [REPORTS / "no-jit.xml"],
             {"NUMBA_DISABLE_JIT": "1"},
         ),
-        mpi_stage(2, limit(360), f"mpi{slow}"),
-        mpi_stage(4, limit(480), f"mpi{slow}"),
+        mpi_stage(2, limit(360), f"mpi{slow} and not study", *MPI_TESTS),
+        mpi_stage(4, limit(480), f"mpi{slow} and not study", *MPI_TESTS),
+        # more ranks than a small body has cells to share: seconds each go into starting them
+        mpi_stage(8, 120, "mpi", COUNTS),
+        *([mpi_stage(32, 300, "mpi", COUNTS)] if include_slow else []),
     ]
 
 

@@ -488,68 +488,6 @@ def warmup() -> int:
 
 
 @app.command()
-def bench(
-    deck: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DECK", help="Take the sizes from a deck.", show_default="the paper's plate", callback=_askable
-        ),
-    ] = None,
-    ranks: Annotated[
-        int, typer.Option("-n", "--ranks", min=1, help="Ranks to compare with one; 1 compares with none.")
-    ] = 2,
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder of bench.json.", callback=_askable)
-    ] = Path("runs/bench"),
-    peer: Annotated[
-        str | None, typer.Option(metavar="lammps", help="Run the same points in LAMMPS, in the same minute.")
-    ] = None,
-    small: Annotated[bool, typer.Option("--small", help="A small case, for a quick look.")] = False,
-    part: Annotated[Path | None, typer.Option(hidden=True)] = None,
-) -> int:
-    """Measure kernels, evaluations, set-up, memory and ranks, and the machine's ceilings."""
-    if part is not None:
-        comm = _start_world(None)
-        from pdfem_mpi.command.bench import part as measure_part
-
-        measure_part(part, comm)
-        return 0
-    launch.prepare_environment()
-    if variable := launch.launcher_variable():
-        raise _fail(
-            [f"pdfem: {variable} is set: bench starts its own ranks. Run it from a plain shell."],
-            launch.rank_by_launcher(),
-        )
-    from pdfem_mpi.command import bench, peers
-
-    problem = None
-    if peer not in (None, "lammps"):
-        problem = f"--peer {peer}: the only peer is lammps."
-    elif peer and not peers.is_installed():
-        problem = "--peer lammps: LAMMPS is not installed. Install it with pip install 'pdfem_mpi[mpich,peer]'."
-    elif deck and small:
-        problem = "--small and --deck both name a case. Leave one of them away."
-    if problem:
-        raise _fail([f"pdfem: {problem}"], 0)
-    try:
-        case = bench.case_of(read_deck(deck) if deck else None, small)
-        one = bench.start(case, 1, small)
-        several = bench.start(case, ranks, small) if ranks > 1 else None
-        result = bench.join(one, several, bench.start_peer(case) if peer else None)
-    except DeckError as error:
-        raise _fail(error.messages, 0) from None
-    except (launch.LaunchError, bench.BenchError) as error:
-        raise _fail([f"pdfem: {error}"], 0) from None
-    try:
-        bench.write(result, out / "bench.json")
-    except OSError as error:
-        raise _fail([f"pdfem: {out}: cannot be written: {error.strerror}. Choose another folder."], 0) from None
-    _print_table("pdfem bench", bench.table(result))
-    print(f"pdfem: numbers are in {out / 'bench.json'}")
-    return 0
-
-
-@app.command()
 def study(
     deck: DeckArgument,
     vary: Annotated[

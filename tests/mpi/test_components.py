@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from helpers import assert_all
 from pdfem_mpi.deck.scene import Crack, Support
 from pdfem_mpi.model import model as model_module
 from pdfem_mpi.model.parts import describe_loose, describe_motion, find_loose, find_parts
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.parallel.slabs import gather_rows
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
+from support.helpers import assert_all
 
 pytestmark = pytest.mark.mpi(min_size=2)
 

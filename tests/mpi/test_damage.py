@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from helpers import assert_all
 from pdfem_mpi.deck.scene import Crack, Output
 from pdfem_mpi.measure.fields import gather_damage
 from pdfem_mpi.parallel.comm import broadcast, mpi
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
+from support.helpers import assert_all
 
 pytestmark = pytest.mark.mpi(min_size=2)
 

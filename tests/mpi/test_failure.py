@@ -5,12 +5,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from helpers import assert_all
 from pdfem_mpi.deck.scene import Ramp, Steps
 from pdfem_mpi.model import model as model_module
 from pdfem_mpi.parallel.comm import mpi
-from verification.bodies import build
-from verification.failing import DEAD, chipped, failing, followed, numbers, strip
+from support.bodies import build
+from support.failing import DEAD, chipped, failing, followed, numbers, strip
+from support.helpers import assert_all
 
 pytestmark = pytest.mark.mpi(min_size=2)
 

@@ -12,7 +12,6 @@ import h5py
 import numpy as np
 import pytest
 
-from helpers import assert_all
 from pdfem_mpi.deck.scene import Output, Steps
 from pdfem_mpi.model.state import FIELDS
 from pdfem_mpi.parallel import slabs as gathering
@@ -22,8 +21,9 @@ from pdfem_mpi.results import checkpoint
 from pdfem_mpi.results.checkpoint import Writer, list_checkpoints, open_checkpoint
 from pdfem_mpi.run import tables
 from pdfem_mpi.run.tables import BROKEN, make_layout, read_broken, read_fields, total_broken, write_tables
-from restarts import FACTORS, StopAt, alone, differing, failing, go, often, outcome, relaxed
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
+from support.helpers import assert_all
+from support.restarts import FACTORS, StopAt, alone, differing, failing, go, often, outcome, relaxed
 
 pytestmark = pytest.mark.mpi(min_size=2)
 

@@ -4,15 +4,15 @@ from unittest.mock import patch
 
 import pytest
 
-from helpers import assert_all
 from pdfem_mpi.deck.scene import Crack, Events, Material, Output, Scene, Support
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.stepping import follow_load_program, make_solver
-from restarts import StopAt, alone, differing, go, outcome
-from verification.bodies import YOUNGS_MODULUS, build, make_scene
-from verification.failing import numbers
-from verification.test_mirrored_failure import notched
+from support.bodies import YOUNGS_MODULUS, build, make_scene
+from support.failing import numbers
+from support.helpers import assert_all
+from support.notched import notched
+from support.restarts import StopAt, alone, differing, go, outcome
 
 pytestmark = pytest.mark.mpi(min_size=2)
 

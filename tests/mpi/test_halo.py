@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from helpers import assert_all
 from pdfem_mpi.parallel.halo import Halo, build_halo
+from support.helpers import assert_all
 
 pytestmark = pytest.mark.mpi(min_size=2)
 

@@ -6,15 +6,15 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from mesh_files import write_mesh
 
-from helpers import ROOT, assert_all
 from pdfem_mpi.deck.scene import FileMesh, SceneError, Support
 from pdfem_mpi.mesh.generators import box
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.parallel.comm import broadcast
 from pdfem_mpi.run import run as run_module
-from verification.bodies import make_scene
+from support.bodies import make_scene
+from support.helpers import ROOT, assert_all
+from support.mesh_files import write_mesh
 
 pytestmark = pytest.mark.mpi(min_size=2)
 

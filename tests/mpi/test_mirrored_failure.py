@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from helpers import assert_all
 from pdfem_mpi.deck.scene import Output
 from pdfem_mpi.measure.fields import gather_damage
 from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.peridynamics.failure import make_failure
-from verification.bodies import build
-from verification.test_mirrored_failure import notched, pull
+from support.bodies import build
+from support.helpers import assert_all
+from support.notched import notched, pull
 
 pytestmark = pytest.mark.mpi(min_size=2)
 

@@ -1,17 +1,17 @@
 """What ranks allocate together: parts that are shared out take the same bytes on any number of them."""
 
 import json
-from unittest.mock import patch
 
 import pytest
 
-from helpers import assert_all
 from pdfem_mpi.deck.scene import Output
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.run.memory_report import SHARED_OUT
 from pdfem_mpi.run.run import run
-from verification.bodies import Silence, make_scene
+from support.bodies import make_scene
+from support.helpers import assert_all
+from support.reporters import Silence
 
 pytestmark = pytest.mark.mpi(min_size=2)
 
@@ -25,8 +25,7 @@ SCENES = {
 
 def summary_of(scene, comm, folder):
     """What a run of the scene says, on all ranks. Collective."""
-    with patch("pdfem_mpi.run.run.warm_up"):
-        run(scene, comm, folder, write_deck(scene), True, Silence())
+    run(scene, comm, folder, write_deck(scene), True, Silence())
     text = (folder / "summary.json").read_text(encoding="utf-8") if comm.rank == 0 else None
     return json.loads(broadcast(comm, text))
 

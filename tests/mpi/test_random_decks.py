@@ -7,12 +7,12 @@ from unittest.mock import patch
 
 import pytest
 
-from helpers import assert_all
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.run.run import run
+from support.bodies import Silence
+from support.helpers import assert_all
 from support.random_decks import random_scene
-from verification.bodies import Silence
 
 pytestmark = pytest.mark.mpi(min_size=2)
 

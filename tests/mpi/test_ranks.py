@@ -6,7 +6,6 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
-from helpers import assert_all
 from pdfem_mpi.deck.scene import BodyForce, Coupling, Crack, Interface, Material, Region, SceneError, Support
 from pdfem_mpi.measure.fields import fields_sha256, gather_fields
 from pdfem_mpi.model import model as model_module
@@ -15,7 +14,8 @@ from pdfem_mpi.peridynamics.bonds import count_by_material, total_bonds
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import follow_load_program, make_solver
-from verification.bodies import build, make_scene, tension
+from support.bodies import build, make_scene, tension
+from support.helpers import assert_all
 
 pytestmark = pytest.mark.mpi(min_size=2)
 

@@ -10,12 +10,12 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-from mesh_files import write_mesh
 from pydantic import ValidationError
 
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.scene import Scene, SceneError
 from pdfem_mpi.mesh import generators
+from support.mesh_files import write_mesh
 
 #: Cells of a body, at most; the tests' time grows with their square.
 MOST_CELLS = 24

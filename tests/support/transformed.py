@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from mesh_files import write_mesh
 
 from pdfem_mpi.deck.scene import FileMesh, Scene
 from pdfem_mpi.mesh.reader import read_mesh
+from support.mesh_files import write_mesh
 
 #: Corners of a hexahedron whose first axis is turned round.
 REVERSED = [1, 0, 3, 2, 5, 4, 7, 6]

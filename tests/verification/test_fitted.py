@@ -25,7 +25,7 @@ from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from pdfem_mpi.solvers.stability import smallest_eigenvalue
-from verification.bodies import build, make_scene, run_deck
+from support.bodies import build, make_scene, run_deck
 
 # Displacement errors of patch tests in eps Delta. Bonds are stored in single precision, 6e-8; what is left of it
 # after the long bonds have taken it back is 1e-10 in compact bodies, up to 9e-10 where these ones bend.

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from helpers import ROOT
 from pdfem_mpi.deck.scene import Crack, Steps
 from pdfem_mpi.deck.toml import parse_deck
-from verification.bodies import build
-from verification.failing import failing
-from verification.measure import released
+from support.bodies import build
+from support.failing import failing
+from support.helpers import ROOT
+from support.measure import released
 
 LOWEST, HIGHEST = 0.90, 1.12  # of the mean of G / G_c(own bonds)
 GROWTH = 4.0  # cells, at least

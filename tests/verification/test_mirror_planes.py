@@ -33,7 +33,7 @@ from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import follow_load_program, make_solver
-from verification.bodies import build, run_deck
+from support.bodies import build, run_deck
 
 SOLVED = 3e-12  # of the largest displacement: residuals of TOLERANCE, on bodies a few cells long
 RELAXED = 1e-7  # residuals of 1e-8

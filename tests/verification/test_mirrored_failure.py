@@ -3,52 +3,18 @@
 Oracle: the whole body. A plate with a crack on one mirror plane and across the other is pulled apart.
 """
 
-from itertools import islice
 
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import BoxMesh, Crack, Events, Material, Output, Peridynamics, Region, Scene, Solver, Support
+from pdfem_mpi.deck.scene import Output, Region
 from pdfem_mpi.measure.fields import gather_damage, point_positions
 from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.solvers.preconditioner.blocks import point_blocks
-from pdfem_mpi.stepping import follow_load_program, make_solver
-from verification.bodies import build
+from support.bodies import build
+from support.notched import ROWS, notched, pull
 
-UPPER = (3.0, 3.0, 1.0)
 EQUILIBRIA = 1e-6  # relative: energies and loads of states relaxed to a residual of ARREST
-ARREST = 1e-9
-ROWS = 30  # of several hundred: later, bonds that are tied up to round-off break one batch sooner or later
-#: Its ends are no midpoints of bonds, which round-off would cut on one side only.
-CRACK = Crack(polygon=((0.0, -1.13, -9.0), (0.0, 1.13, -9.0), (0.0, 1.13, 9.0), (0.0, -1.13, 9.0)))
-
-
-def notched(faces):
-    """6 x 6 x 2 cells about the origin, or the part that mirror planes at 0 leave, pulled along x."""
-    lower = tuple(0.0 if f"{axis}-" in faces else -high for axis, high in zip("xyz", UPPER, strict=True))
-    return Scene(
-        mesh=BoxMesh(lower=lower, upper=UPPER, spacing=1.0, symmetry=faces),
-        material=Material(youngs_modulus=1000.0, critical_stretch=0.01),
-        regions=(Region(name="all", model="peridynamics"),),
-        peridynamics=Peridynamics(kinematics="linear"),
-        cracks=(CRACK,),
-        supports=tuple(Support(face=f, x=s) for f, s in (("x+", 0.05), ("x-", -0.05)) if f not in faces),
-        solver=Solver(kind="cg", tolerance=1e-9),
-        stepping=Events(kind="events", report_every=1, arrest_tolerance=ARREST),
-    )
-
-
-def pull(scene, comm=None, n_rows=ROWS, at_each=None):
-    """The body, its books and the first rows of its history; ``at_each(body, failure)`` is called at each row."""
-    body = build(scene, comm)
-    failure = make_failure(scene, body.discretization, body.model)
-    solver = make_solver(scene, body.discretization, body.forces, body.case, pytest.fail)
-    rows = []
-    for row in islice(follow_load_program(scene, solver, failure, body.state, body.case), n_rows):
-        rows.append(row)
-        if at_each:
-            at_each(body, failure)
-    return body, failure, rows
 
 
 def broken_bonds(body, failure):

@@ -21,10 +21,10 @@ from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import follow_load_program, make_solver
+from support.bodies import bond_list, build
 from support.dense_reference import DenseBody
 from support.random_decks import random_scene
 from support.transformed import Transform
-from verification.bodies import bond_list, build
 
 SEEDS = range(64)
 DEFAULT = (0, 3, 5, 13, 14, 30, 39, 61)

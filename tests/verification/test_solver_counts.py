@@ -6,7 +6,7 @@ import pytest
 
 from pdfem_mpi.deck.scene import BodyForce, Crack, Support
 from pdfem_mpi.stepping import make_solver
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
 
 # The counts are independent of the size; relaxation needs about 8 N sweeps for a bar of N cells and N^2 in bending.
 # Found: 13; 20, 21, 22; 30

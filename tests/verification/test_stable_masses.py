@@ -7,7 +7,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from mesh_files import write_mesh
 
 from pdfem_mpi.deck.scene import BodyForce, Crack, FileMesh, Material, Region, Support
 from pdfem_mpi.mesh import generators
@@ -15,8 +14,9 @@ from pdfem_mpi.model.model import W
 from pdfem_mpi.peridynamics.bonds import fictitious_masses
 from pdfem_mpi.peridynamics.stable_masses import LIMIT, RAISED, stable_densities
 from pdfem_mpi.stepping import make_solver
-from verification.bodies import build, make_scene
-from verification.measure import spectrum
+from support.bodies import build, make_scene
+from support.measure import spectrum
+from support.mesh_files import write_mesh
 
 ROUND_OFF = 1e-9  # relative, of eigenvalues
 #: Largest eigenvalue of a bar of 5 x 1 x 1 cells with the masses of eq. (11), by correction: both beyond 4.

@@ -6,9 +6,9 @@ part are not compared: the whole plate with a crack leaves the way of its quarte
 
 import pytest
 
-from helpers import ROOT
 from pdfem_mpi.deck.toml import parse_deck
-from verification.failing import followed
+from support.failing import followed
+from support.helpers import ROOT
 
 PEAK = 1e-3  # as promised; 1e-8 is found
 CASES = {

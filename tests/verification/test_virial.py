@@ -2,7 +2,7 @@
 
 import pytest
 
-from verification.bodies import run_deck
+from support.bodies import run_deck
 
 #: E/E0 of bars of 8 x 8 and plates of 1 to 4 cells lies within 1.009 to 1.0125, of a bar of 4 x 4 cells at 1.013.
 MODULUS, TOLERANCE = 1.011, 0.0025

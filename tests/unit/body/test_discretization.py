@@ -7,7 +7,7 @@ import pytest
 
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.scene import Peridynamics, Region, SceneError
-from verification.bodies import make_scene
+from support.bodies import make_scene
 
 CELLS = 6, 2, 1
 

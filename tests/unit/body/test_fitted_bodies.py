@@ -7,7 +7,7 @@ from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.fitted_bodies import same_bonds
 from pdfem_mpi.body.materials import material_table
 from pdfem_mpi.deck.scene import Crack, Interface, Material, Region, SceneError
-from verification.bodies import make_scene
+from support.bodies import make_scene
 
 SOFT = {"soft": Material(youngs_modulus=100.0)}
 

@@ -16,7 +16,7 @@ from pdfem_mpi.peridynamics.bonds import count_by_material
 from pdfem_mpi.peridynamics.failure import UNBREAKABLE, critical_stretches
 from pdfem_mpi.solvers.preconditioner import blocks
 from pdfem_mpi.solvers.preconditioner import coarse_grid as grid
-from verification.bodies import YOUNGS_MODULUS, build, fields_of_positions, make_scene
+from support.bodies import YOUNGS_MODULUS, build, fields_of_positions, make_scene
 
 FE, PD = "finite_elements", "peridynamics"
 CELLS = 6, 2, 2

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from mesh_files import write_mesh
 
 from pdfem_mpi.body import share as subdomain_module
 from pdfem_mpi.body.discretization import discretize, make_mesh
@@ -15,7 +14,8 @@ from pdfem_mpi.model.model import build_model
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run import memory_estimate as memory
 from pdfem_mpi.run.run import check_scene
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
+from support.mesh_files import write_mesh
 
 SAMPLING = 0.1  # a sample of 128 cells stands for a thousand
 EXACT_SAMPLE = 0.03  # bonds of points to their own images are counted as two halves, not as one: here 2 %

@@ -8,7 +8,7 @@ from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.share import cut_out, partition
 from pdfem_mpi.deck.scene import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions
-from verification.bodies import make_scene
+from support.bodies import make_scene
 
 BODIES = {
     "peridynamics": make_scene((7, 3, 2)),

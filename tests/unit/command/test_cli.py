@@ -12,9 +12,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from helpers import ROOT, outside_launcher, run_pdfem, run_python
 from pdfem_mpi.command.cli import ConsoleReporter, remaining
 from pdfem_mpi.system.launcher import LaunchError, mpirun_command
+from support.helpers import ROOT, outside_launcher, run_pdfem, run_python
 
 DECK = ROOT / "jobs" / "bar_tension.toml"
 

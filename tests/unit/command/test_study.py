@@ -15,10 +15,10 @@ from pathlib import Path
 import matplotlib.image
 import pytest
 
-from helpers import ROOT, run_pdfem
 from pdfem_mpi.command import study
 from pdfem_mpi.command.study import Interruption, StudyError, make_members, parse_axes, results_of, run_study
 from pdfem_mpi.deck.toml import read_deck
+from support.helpers import ROOT, run_pdfem
 
 DECK = ROOT / "jobs" / "bar_pd.toml"
 SPACINGS = "mesh.spacing=0.2,0.1"

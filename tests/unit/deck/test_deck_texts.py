@@ -4,15 +4,16 @@ import json
 import shutil
 
 import pytest
-from tiny import TINY
 
-from helpers import run_pdfem
 from pdfem_mpi.deck.scene import BarProbe, LineProbe, Output, Units
 from pdfem_mpi.deck.toml import parse_deck, write_deck
 from pdfem_mpi.results import plots
 from pdfem_mpi.results.labels import MOST, as_it_is, attempt
-from restarts import Silently, alone
-from verification.bodies import make_scene
+from support.bodies import make_scene
+from support.helpers import run_pdfem
+from support.reporters import Listener
+from support.restarts import alone
+from support.tiny import TINY
 
 FINISHED = 0
 #: Marks of a terminal that close nothing, links, and what looks like a formula and is none.
@@ -53,7 +54,7 @@ def test_a_terminal_without_the_characters_of_a_title(tmp_path):
 
 
 def test_what_looks_like_a_formula_is_drawn_as_it_is(tmp_path):
-    reporter = Silently()
+    reporter = Listener()
     scene = small(title=FORMULA, units=Units(length=r"$\frac{$", force="$"))
     assert alone(scene, tmp_path / "run", reporter=reporter) == FINISHED
     assert not reporter.said("was not drawn")
@@ -82,7 +83,7 @@ def test_a_figure_that_cannot_be_drawn_is_a_warning(tmp_path, monkeypatch):
         raise ValueError("no font\nfor this")
 
     monkeypatch.setattr(plots, "displacement_along_line", fails)
-    reporter = Silently()
+    reporter = Listener()
     assert alone(small(), tmp_path / "run", reporter=reporter) == FINISHED
     assert reporter.said("warning: the figure line_l.png was not drawn (ValueError: no font for this)")
     assert (tmp_path / "run" / "summary.json").exists()
@@ -98,7 +99,7 @@ def test_a_folder_for_figures_that_cannot_be_made_is_a_warning(tmp_path, monkeyp
 
     monkeypatch.setattr(run._Run, "draw_them", run._Run._draw, raising=False)
     monkeypatch.setattr(run._Run, "_draw", occupied)
-    reporter = Silently()
+    reporter = Listener()
     assert alone(small(), tmp_path / "run", reporter=reporter) == FINISHED
     assert reporter.said("warning: the figure", "was not drawn")
 

@@ -8,7 +8,7 @@ import pytest
 from pdfem_mpi.deck.scene import Crack, polygon_normal
 from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.peridynamics.bonds import cut_bonds, total_bonds
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
 
 CELLS = (3, 3, 2)
 # corners in model units: the origin is the body's centre

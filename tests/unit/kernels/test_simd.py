@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from numba import njit
 
-import helpers
 from pdfem_mpi.kernels import simd
 from pdfem_mpi.kernels.simd import (
     PATTERN,
@@ -30,6 +29,7 @@ from pdfem_mpi.kernels.simd import (
     splat,
     store,
 )  # fmt: skip
+from support import helpers
 
 QUANTUM = 2.0**-40
 INTEGERS = np.array([3, -5, 2**50, -(2**62)])

@@ -6,7 +6,7 @@ from unit.kernels.bodies_of_elements import box, turn
 
 from pdfem_mpi.kernels import finite_elements as fe
 from pdfem_mpi.kernels import turning_elements as te
-from verification import total_lagrangian
+from support import total_lagrangian
 
 QUANTUM = 2.0**-50
 LAM, MU = 1.3, 0.7

@@ -10,7 +10,7 @@ from pdfem_mpi.deck.scene import LineProbe, PlateWithHoleMesh
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.line import measure_line
 from pdfem_mpi.results.lines import COLUMNS, write_line
-from verification.bodies import fields_of_positions, make_scene
+from support.bodies import fields_of_positions, make_scene
 
 ROUND_OFF = 1e-13  # of Newton's method and of eight products, as in test_probes
 CELLS = 6, 2, 2

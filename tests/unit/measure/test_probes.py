@@ -9,7 +9,7 @@ from pdfem_mpi.measure.bar import bar_results, measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.measure.line import measure_line
-from verification.bodies import fields_of_positions, make_scene
+from support.bodies import fields_of_positions, make_scene
 
 ROUND_OFF = 1e-13  # of Newton's method, which ends at steps of 1e-13, and of eight products
 FIT = 1e-10  # relative, of straight lines through some hundred points

@@ -19,7 +19,7 @@ from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.mesh.generators import box
 from pdfem_mpi.mesh.reader import read_mesh
 from pdfem_mpi.stepping import follow_load_program, make_solver
-from verification.bodies import Silence, build, make_scene
+from support.bodies import Silence, build, make_scene
 
 CELLS = 10, 2, 2
 SAG = -1.7284011e-3

@@ -4,12 +4,12 @@ import re
 
 import numpy as np
 import pytest
-from mesh_dresses import CELLS, make_bar, write_dress
 
 from pdfem_mpi.deck.scene import BodyForce, FileMesh, Region, SceneError, Support, Traction
 from pdfem_mpi.measure.fields import fields_sha256
 from pdfem_mpi.stepping import follow_load_program, make_solver
-from verification.bodies import Silence, build, make_scene
+from support.bodies import Silence, build, make_scene
+from support.mesh_dresses import CELLS, make_bar, write_dress
 
 # Another order of nodes and cells adds the terms of forces in another order, and the relative residual of 1e-12 leaves
 # its own error of the displacements: both of the largest displacement.

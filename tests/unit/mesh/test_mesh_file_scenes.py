@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mesh_files import SUFFIXES, write_mesh
 
 from pdfem_mpi.deck.scene import BodyForce, BoxMesh, FileMesh, PlateWithHoleMesh, Region, SceneError, Support, Traction
 from pdfem_mpi.measure.fields import fields_sha256, point_positions
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.stepping import follow_load_program, make_solver
-from verification.bodies import YOUNGS_MODULUS, Silence, build, make_scene
+from support.bodies import YOUNGS_MODULUS, build, make_scene
+from support.mesh_files import SUFFIXES, write_mesh
+from support.reporters import Silence
 
 CELLS = 2, 3, 8  # finite elements in z < 4, peridynamics above; numbers of cells run with z
 HELD = (Support(face="x-", x=0.0, y=0.0, z=0.0),)

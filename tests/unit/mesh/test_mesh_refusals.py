@@ -4,10 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from mesh_dresses import GmshDress, make_bar, write_exodus, write_vtk
-from mesh_files import write_mesh
 
-from helpers import run_pdfem
 from pdfem_mpi.body.discretization import discretize, make_mesh
 from pdfem_mpi.deck.scene import BodyForce, FileMesh, Region, SceneError, Support
 from pdfem_mpi.mesh.defects import find_defects
@@ -16,7 +13,10 @@ from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.merge import merge_nodes
 from pdfem_mpi.mesh.quality import folded_cells, measure
 from pdfem_mpi.mesh.reader import read_mesh
-from verification.bodies import make_scene
+from support.bodies import make_scene
+from support.helpers import run_pdfem
+from support.mesh_dresses import GmshDress, make_bar, write_exodus, write_vtk
+from support.mesh_files import write_mesh
 
 SECONDS = 2.0
 GMSH = "$MeshFormat\n{} 0 8\n$EndMeshFormat\n"

@@ -7,15 +7,15 @@ import sys
 import meshio
 import numpy as np
 import pytest
-from mesh_files import SUFFIXES, write_mesh
 
-from helpers import ROOT, run_pdfem
 from pdfem_mpi.body.discretization import discretize, make_mesh
 from pdfem_mpi.deck.scene import FileMesh, SceneError
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.mesh.generators import box
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.reader import read_mesh
+from support.helpers import ROOT, run_pdfem
+from support.mesh_files import SUFFIXES, write_mesh
 
 CELLS = 2, 2, 4
 DECK = """

@@ -6,8 +6,8 @@ import pytest
 from pdfem_mpi.kernels.finite_elements import element_stiffness
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_positions
 from pdfem_mpi.model.unknowns import cluster_layout, point_rows
-from verification import total_lagrangian
-from verification.bodies import build, make_scene
+from support import total_lagrangian
+from support.bodies import build, make_scene
 
 # Stored numbers of bonds are in single precision, 2**-24 each; a point's force is the small difference of large ones
 SINGLE = 1e-6  # of the largest force

@@ -6,7 +6,7 @@ import pytest
 from pdfem_mpi.deck.scene import BodyForce, Region, SceneError, Support, Traction
 from pdfem_mpi.model.loads import free_motions, remove_rigid_motion, rigid_modes
 from pdfem_mpi.solvers import adr
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
 
 ROUND_OFF = 1e-13  # relative, of sums of some hundred terms
 SOLVER_TOLERANCE = 1e-10  # of the residual; displacements of small bodies are then good to 1e-8

@@ -6,7 +6,7 @@ import pytest
 from pdfem_mpi.kernels.finite_elements import element_stiffness
 from pdfem_mpi.model import model as model_module
 from pdfem_mpi.model.unknowns import cluster_layout, point_rows
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
 
 ROUND_OFF = 1e-12  # of sums of some hundred terms of one sign
 SINGLE = 1e-7  # relative: stored numbers of bonds are in single precision

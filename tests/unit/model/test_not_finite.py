@@ -14,7 +14,8 @@ from pdfem_mpi.model.unknowns import cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run.run import run
 from pdfem_mpi.stepping import make_solver
-from verification.bodies import Silence, build, make_scene
+from support.bodies import build, make_scene
+from support.reporters import Silence
 
 CELLS = (6, 2, 2)
 BLOCK = 2  # evaluations: one to fit the bounds of the sums, one that counts
@@ -104,7 +105,7 @@ def test_a_run_ends_with_74_and_the_place_in_its_summary(tmp_path):
         return case
 
     make_load_case, body = composition.make_load_case, build(scene())
-    with patch("pdfem_mpi.run.run.warm_up"), patch("pdfem_mpi.run.run.make_load_case", spoilt):
+    with patch("pdfem_mpi.run.run.make_load_case", spoilt):
         code = run(scene(), mpi().COMM_SELF, tmp_path, write_deck(scene()), True, Silence())
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert code == 74 and words(body, *at_node(body, 4)[1:]) in summary["reason"]

@@ -18,7 +18,8 @@ from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run.run import run
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import make_solver
-from verification.bodies import Silence, build, make_scene
+from support.bodies import build, make_scene
+from support.reporters import Listener
 
 ROUND_OFF = 1e-12  # relative, of sums of some thousand terms rounded to 2**-40 of the largest
 
@@ -217,22 +218,10 @@ def test_relaxation_says_what_still_moves():
         equilibrium(body)
 
 
-class Listener(Silence):
-    """A reporter that keeps the lines."""
-
-    def __init__(self):
-        self.lines = []
-
-    def line(self, text):
-        """Keep it."""
-        self.lines.append(text)
-
-
 def ran(scene, out):
     """Exit code, lines and summary of a run."""
     listener = Listener()
-    with patch("pdfem_mpi.run.run.warm_up"):  # it closes the kernels to a second run in the same process
-        code = run(scene.model_copy(update={"output": Output(fields=False)}), mpi().COMM_SELF, out, "", True, listener)
+    code = run(scene.model_copy(update={"output": Output(fields=False)}), mpi().COMM_SELF, out, "", True, listener)
     return code, "\n".join(listener.lines), json.loads((out / "summary.json").read_text(encoding="utf-8"))
 
 

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from helpers import run_python
 from pdfem_mpi.deck.scene import Checkpoint
 from pdfem_mpi.parallel import stop_requests as pausing
 from pdfem_mpi.parallel import watchdog
@@ -17,6 +16,7 @@ from pdfem_mpi.parallel.stop_requests import Pauses, Stopped
 from pdfem_mpi.parallel.watchdog import Watchdog
 from pdfem_mpi.system import signals
 from pdfem_mpi.system.signals import Requests
+from support.helpers import run_python
 
 
 class Keeper:

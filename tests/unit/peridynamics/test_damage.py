@@ -11,7 +11,8 @@ from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.run.run import run
-from verification.bodies import Silence, build, make_scene
+from support.bodies import build, make_scene
+from support.reporters import Silence
 
 SINGLE = 2.0**-24  # fields are stored in single precision
 DECK = """
@@ -33,8 +34,7 @@ total = [1, 0, 0]
 """
 
 
-def test_points_file_has_the_damage_beside_displacements(tmp_path, monkeypatch):
-    monkeypatch.setattr("pdfem_mpi.run.run.warm_up", lambda *arguments: None)  # it closes the kernels to a second run
+def test_points_file_has_the_damage_beside_displacements(tmp_path):
     corners = ((3.0, -1.0, -1.0), (3.0, 1.0, -1.0), (3.0, 1.0, 4.0), (3.0, -1.0, 4.0))
     scene = make_scene((6, 3, 3), 0, solver="cg", cracks=(Crack(polygon=corners),), output=Output(damage=True))
     assert run(scene, mpi().COMM_SELF, tmp_path, "", True, Silence()) == 0

@@ -16,8 +16,8 @@ from pdfem_mpi.peridynamics import failure as failure_module
 from pdfem_mpi.peridynamics.failure import UNBREAKABLE, critical_stretches, make_failure, point_classes
 from pdfem_mpi.run.failure_notes import describe_criterion
 from pdfem_mpi.solvers.preconditioner.blocks import inverted, point_blocks
-from verification.bodies import build, make_scene
-from verification.failing import EDGE, STRETCH, failing, followed, strip
+from support.bodies import build, make_scene
+from support.failing import EDGE, STRETCH, failing, followed, strip
 
 QUADRATURE = 1e-6  # relative: the cutoff's guard is 1e-9, the cone integral is exact to 1e-8
 

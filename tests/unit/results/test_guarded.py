@@ -3,7 +3,7 @@
 import h5py
 import pytest
 
-from helpers import run_python
+from support.helpers import run_python
 
 OPEN = """
 import sys

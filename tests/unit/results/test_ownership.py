@@ -8,7 +8,6 @@ import sys
 
 import pytest
 
-from helpers import ROOT, outside_launcher, run_pdfem
 from pdfem_mpi.command.study import StudyError, check_folder
 from pdfem_mpi.deck.scene import LineProbe, Output, SceneError, Steps
 from pdfem_mpi.deck.toml import DeckError, read_deck, write_deck
@@ -16,8 +15,10 @@ from pdfem_mpi.results.ownership import RECORD, Written, is_run, refuse_deck, re
 from pdfem_mpi.run.restart import AUTO
 from pdfem_mpi.system.files import replacing
 from pdfem_mpi.system.plain_files import NotPlain, read_plain, strange_kind
-from restarts import Silently, alone
-from verification.bodies import make_scene
+from support.bodies import make_scene
+from support.helpers import ROOT, outside_launcher, run_pdfem
+from support.reporters import Listener
+from support.restarts import alone
 
 FINISHED, USAGE = 0, 64
 LINE = LineProbe(kind="line", name="middle", start=(0.0, 0.5, 0.5), stop=(3.0, 0.5, 0.5), n=5)
@@ -65,7 +66,7 @@ def put(folder, names, text="mine"):
 @pytest.mark.parametrize("names", [USERS, ("history.csv",), ("deck.toml",), ("figures/photo.png",), (".hidden",)])
 def test_a_folder_with_other_files_is_refused_and_left_alone(tmp_path, names, ways):
     put(tmp_path, names)
-    before, reporter = tree(tmp_path), Silently()
+    before, reporter = tree(tmp_path), Listener()
     assert alone(scene(), tmp_path, reporter=reporter, **ways) == USAGE
     assert reporter.said("is not empty and holds no run", "--out")
     assert tree(tmp_path) == before
@@ -188,7 +189,7 @@ def test_a_deck_in_the_way_of_the_run_is_refused(out, tmp_path, name):
     assert refuse_deck(out, tmp_path / "other.toml", same=False) is None
     assert refuse_deck(out, out / "lines" / "other.toml", same=False) is None
     assert (refuse_deck(out, out / name, same=True) is None) == (name == "deck.toml")
-    reporter = Silently()
+    reporter = Listener()
     assert alone(scene((0.5, 1.0)), out, overwrite=True, deck=link, reporter=reporter) == USAGE
     assert reporter.said("would replace it")
 
@@ -208,7 +209,7 @@ def test_a_deck_of_the_run_folder_that_a_person_wrote_keeps_its_comments(out):
 
 def test_the_checkpoint_to_go_on_from_is_not_removed(out):
     first = out / "checkpoints" / "ckpt-000001.h5"
-    reporter = Silently()
+    reporter = Listener()
     assert alone(scene(), out, overwrite=True, resume=str(first), reporter=reporter) == USAGE
     assert first.exists() and reporter.said("Leave one of them away")
 
@@ -249,7 +250,7 @@ def test_pipes_and_devices_in_a_run_folder_are_refused(out, name, kind):
         os.mkfifo(out / name)
     else:
         (out / name).symlink_to("/dev/zero")
-    reporter = Silently()
+    reporter = Listener()
     assert alone(scene(), out, overwrite=True, resume=AUTO, reporter=reporter) == USAGE
     assert reporter.said(name, "not a file. Remove it")
 
@@ -263,9 +264,9 @@ def test_pipes_devices_and_endless_files_are_no_decks_and_no_meshes(tmp_path):
     for name, part in (("pipe", "a pipe"), ("zero", "a device"), ("huge", "more than")):
         with pytest.raises(DeckError, match=part):
             read_deck(tmp_path / f"{name}.toml")
-    from pdfem_mpi.mesh.reader import _troubles
+    from pdfem_mpi.mesh.reader import _trouble
 
-    assert "a pipe" in _troubles(tmp_path / "pipe.msh", "gmsh")[0]
+    assert "a pipe" in _trouble(tmp_path / "pipe.msh", "gmsh")
     assert strange_kind(tmp_path) is None and strange_kind(tmp_path / "none") is None
     with pytest.raises(IsADirectoryError):
         read_plain(tmp_path, 10)

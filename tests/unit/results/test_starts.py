@@ -5,7 +5,8 @@ import time
 
 import pytest
 
-from restarts import Silently, StopAt, alone, in_child, often
+from support.reporters import Listener
+from support.restarts import StopAt, alone, in_child, often
 
 FINISHED, STOPPED = 0, 75
 
@@ -49,7 +50,7 @@ def test_less_time_than_start_up_takes_is_told_as_nothing_done(tmp_path):
     """The jobs of a chain that get nowhere count themselves; one that gets somewhere ends the count."""
     out = tmp_path / "run"
     for number in (1, 2, 3):
-        reporter = Silently()
+        reporter = Listener()
         assert alone(often(), out, reporter=reporter, end=time.monotonic()) == STOPPED
         reason = summary(out)["reason"]
         assert "Nothing was done. Start-up alone took" in reason and "allow more" in reason

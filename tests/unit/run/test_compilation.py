@@ -21,7 +21,12 @@ def halved(x):
 def caller(x, n):
     return halved(x) + n
 
+@njit(cache=True)
+def first(x):
+    return x[0]
+
 SIGNATURES = {
+    first: types.float64(types.float64[:]),
     halved: types.float64(types.float64[::1]),
     caller: types.float64(types.float64[::1], types.int64),
 }
@@ -56,9 +61,27 @@ def test_calls_find_in_the_cache_what_was_compiled_ahead(tmp_path, monkeypatch):
         ahead.caller(np.array([3.0], np.float32), 2)
 
 
+def test_a_kernel_that_was_called_but_not_compiled_ahead_stays_open(tmp_path, monkeypatch):
+    """In one process one body may call a kernel of any layout with whole arrays, and the next with parts of them."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    path = tmp_path / "kernels.py"
+    path.write_text(SOURCE)
+    monkeypatch.setitem(sys.modules, "kernels_open", None)
+    module = imported(path, "kernels_open")
+    monkeypatch.setattr(warm_up, "MODULES", (module,))
+    monkeypatch.setattr(warm_up, "NEEDED_BY", {module.first: {"asked for"}})
+    numbers = np.array([3.0, 1.0, 2.0, 4.0])
+    assert module.first(numbers) == 3.0
+    warm_up.compile_kernels(())
+    assert module.first(numbers[1::2]) == 1.0
+    warm_up.compile_kernels({"asked for"})
+    with pytest.raises(TypeError):
+        module.first(numbers.astype(np.float32))
+
+
 def test_kernels_return_what_their_signatures_say():
+    warm_up.compile_kernels()
     for kernel, signature in warm_up.kernels().items():
-        kernel.compile(tuple(signature.args))
         found = kernel.overloads[signature.args].signature.return_type
         assert found == signature.return_type, kernel.__name__
 

@@ -13,7 +13,8 @@ from pdfem_mpi.deck.toml import DeckError, read_deck
 from pdfem_mpi.results import checkpoint
 from pdfem_mpi.results.checkpoint import Invalid, check, list_checkpoints
 from pdfem_mpi.results.guarded import guarded
-from restarts import Silently, StopAt, alone, differing, in_child, outcome, relaxed
+from support.reporters import Listener
+from support.restarts import StopAt, alone, differing, in_child, outcome, relaxed
 
 FINISHED, USAGE, NO_CHECKPOINT, STOPPED = 0, 64, 65, 75
 #: Files whose content is not the same in two runs of one deck, or says nothing about its results.
@@ -83,7 +84,7 @@ def test_a_changed_digit_of_the_history_is_told_and_the_checkpoint_stays_good(ou
     """As many rows and bytes as before: only a digest sees it."""
     path = out / "history.csv"
     flip(path, path.read_bytes().rindex(b"."), 0)  # another character in place of a point
-    damaged, reporter = path.read_bytes(), Silently()
+    damaged, reporter = path.read_bytes(), Listener()
     assert alone(scene(), out, reporter=reporter) == FINISHED
     assert reporter.said("warning", "history.csv begins anew", "not those that were written")
     assert (out / "history.csv.damaged").read_bytes() == damaged
@@ -94,7 +95,7 @@ def test_a_changed_digit_of_the_history_is_told_and_the_checkpoint_stays_good(ou
 @pytest.mark.parametrize("what", ["displacement", pytest.param("Points", marks=pytest.mark.slow)])
 def test_a_changed_bit_of_a_frame_or_of_the_geometry_is_told(out, straight, name, what):
     flip(out / name, first_number(out / name, "Points" if what == "Points" else "PointData/displacement") + 100, 3)
-    reporter = Silently()
+    reporter = Listener()
     assert alone(scene(), out, reporter=reporter) == FINISHED
     assert reporter.said("warning", f"{name} begins anew", "not those that were written")
     assert (out / f"{name}.damaged").exists()
@@ -105,7 +106,7 @@ def test_a_truncated_history_does_not_cost_the_checkpoint(out, straight):
     """Deleting the file would let the same checkpoint go on; a shorter one must not be worse."""
     path = out / "history.csv"
     path.write_bytes(path.read_bytes()[:40])
-    reporter = Silently()
+    reporter = Listener()
     assert alone(scene(), out, reporter=reporter) == FINISHED
     assert reporter.said("warning", "history.csv begins anew") and reporter.said("going on from")
     assert not [name for name in differing(everything(out), straight) if not name.startswith("history")]
@@ -124,7 +125,7 @@ def test_what_is_of_another_run_is_told(folders, out, straight, name):
     """A summary of a finished run of another deck would say that nothing is left to do."""
     source = "finished" if name == "summary.json" else "other"
     shutil.copy(folders / source / name, out / name)
-    reporter = Silently()
+    reporter = Listener()
     assert alone(scene(), out, reporter=reporter, resume="continue") == FINISHED
     assert reporter.said(name, "of another run")
     assert not [part for part in differing(everything(out), straight) if not part.startswith(name)]
@@ -135,12 +136,12 @@ def test_what_is_of_another_run_is_told(folders, out, straight, name):
                                               ("elements.vtkhdf", "lines/axis.csv"))]
 )  # fmt: skip
 def test_a_finished_run_with_a_damaged_file_is_not_said_to_be_in_order(folders, tmp_path, name):
-    out, reporter = shutil.copytree(folders / "finished", tmp_path / "run"), Silently()
+    out, reporter = shutil.copytree(folders / "finished", tmp_path / "run"), Listener()
     before = everything(out)
     assert alone(scene(output=Output()), out, reporter=reporter, resume="continue") == FINISHED
     assert reporter.said("is finished already")
     flip(out / name, first_number(out / name) if name.endswith("hdf") else (out / name).stat().st_size // 2, 1)
-    reporter = Silently()
+    reporter = Listener()
     assert alone(scene(output=Output()), out, reporter=reporter, resume="continue") == FINISHED
     grows = name in ("history.csv", "elements.vtkhdf")
     assert reporter.said(Path(name).name, "begins anew" if grows else "it is written again")
@@ -151,7 +152,7 @@ def test_a_finished_run_with_a_damaged_file_is_not_said_to_be_in_order(folders, 
 
 @pytest.mark.parametrize("how", ["flipped", "deleted"])
 def test_a_finished_run_without_its_last_checkpoint_makes_its_end_again(folders, tmp_path, how):
-    out, reporter = shutil.copytree(folders / "finished", tmp_path / "run"), Silently()
+    out, reporter = shutil.copytree(folders / "finished", tmp_path / "run"), Listener()
     before, path = everything(out), list_checkpoints(out / "checkpoints")[0][1]
     if how == "flipped":
         flip(path, 3000)
@@ -164,7 +165,7 @@ def test_a_finished_run_without_its_last_checkpoint_makes_its_end_again(folders,
 
 
 def test_a_changed_title_of_the_deck_is_told(folders, out):
-    reporter = Silently()
+    reporter = Listener()
     assert alone(scene(title="another"), out, reporter=reporter) == FINISHED
     assert reporter.said("note", 'title was "", the deck has "another"')
 
@@ -174,7 +175,7 @@ def test_checkpoints_without_digests_still_serve(out, straight):
     path = list_checkpoints(out / "checkpoints")[0][1]
     change_header(path, lambda header: [cursor.pop(key, 0) for cursor in header["results"].values()
                                         for key in ("sha256", "deck")])  # fmt: skip
-    reporter = Silently()
+    reporter = Listener()
     assert alone(scene(), out, reporter=reporter) == FINISHED
     assert reporter.said("taken as they are", "history.csv, points.vtkhdf, elements.vtkhdf")
     assert not differing(everything(out), straight)
@@ -266,7 +267,7 @@ def test_a_header_of_another_form_is_refused_by_name(out, change, reason):
 
 
 def test_tables_of_another_body_are_refused_before_a_number_is_used(out):
-    path, reporter = list_checkpoints(out / "checkpoints")[0][1], Silently()
+    path, reporter = list_checkpoints(out / "checkpoints")[0][1], Listener()
 
     def shorten(file):
         for name in file["points"]:
@@ -285,7 +286,7 @@ def test_frames_that_lead_to_another_file_are_not_appended_to(out, tmp_path):
         file["VTKHDF/PointData/displacement"] = h5py.ExternalLink(
             str(tmp_path / "victim.h5"), "VTKHDF/PointData/displacement"
         )
-    before, reporter = (tmp_path / "victim.h5").read_bytes(), Silently()
+    before, reporter = (tmp_path / "victim.h5").read_bytes(), Listener()
     assert alone(scene(), out, reporter=reporter) == FINISHED
     assert reporter.said("points.vtkhdf begins anew", "has a link in place of")
     assert (tmp_path / "victim.h5").read_bytes() == before
@@ -318,7 +319,7 @@ def spoil(folder, other, rng):
 
 def go_on(out, said):
     """As `pdfem resume` does: the deck is the folder's own. Lines go to a file, the process may end in a crash."""
-    reporter = Silently()
+    reporter = Listener()
     try:
         code = alone(read_deck(out / "deck.toml"), out, reporter=reporter, resume="continue")
     except DeckError as error:

@@ -15,7 +15,7 @@ from pdfem_mpi.run.identity import (
     identity,
     sha256,
 )
-from verification.bodies import make_scene
+from support.bodies import make_scene
 
 
 def keys_of(**tables):

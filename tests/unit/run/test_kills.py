@@ -16,11 +16,11 @@ import numpy as np
 import psutil
 import pytest
 
-from helpers import ROOT, outside_launcher
 from pdfem_mpi.deck.scene import Checkpoint, Output, Steps
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.system.signals import Requests
-from restarts import FACTORS, alone, differing, outcome, relaxed
+from support.helpers import ROOT, outside_launcher
+from support.restarts import FACTORS, alone, differing, outcome, relaxed
 
 FINISHED, STOPPED = 0, 75
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGUSR1)

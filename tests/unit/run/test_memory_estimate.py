@@ -7,7 +7,6 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from helpers import ROOT, run_python
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.share import cut_out, partition
 from pdfem_mpi.deck.scene import FileMesh, Material, Region, Scene, SceneError, Support
@@ -16,7 +15,9 @@ from pdfem_mpi.model.model import build_model
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run import memory_estimate as memory
 from pdfem_mpi.run.run import check_scene, run
-from verification.bodies import Silence, make_scene
+from support.bodies import make_scene
+from support.helpers import ROOT, run_python
+from support.reporters import Silence
 
 NEAR = 0.2  # what the refusal promises
 SAMPLING = 0.03  # of bonds: 128 of some thousand cells, families from 150 to 530
@@ -34,7 +35,7 @@ from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.run.compilation import compile_kernels
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.body.share import cut_out, partition
-from verification.bodies import build
+from support.bodies import build
 compile_kernels()
 scene = read_deck(sys.argv[1], sys.argv[2:])
 discretization = discretize(scene)

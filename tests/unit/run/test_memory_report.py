@@ -2,14 +2,11 @@
 
 import json
 import platform
-from importlib.machinery import SourceFileLoader
-from importlib.util import module_from_spec, spec_from_loader
 from unittest.mock import patch
 
 import numpy as np
 import pytest
 
-from helpers import ROOT, run_python
 from pdfem_mpi.deck.scene import DisplacementProbe, Material, Output, Steps
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.kernels.simd import W
@@ -20,7 +17,9 @@ from pdfem_mpi.run.memory_estimate import resident
 from pdfem_mpi.run.memory_report import PARTS
 from pdfem_mpi.run.run import run
 from pdfem_mpi.system.heap import APART, large_arrays_apart
-from verification.bodies import YOUNGS_MODULUS, Silence, build, make_scene
+from support.bodies import YOUNGS_MODULUS, build, make_scene
+from support.helpers import ROOT, run_python
+from support.reporters import Silence
 
 CELLS = (6, 3, 3)
 NO_OUTPUT = Output(fields=False, figures=False)
@@ -82,8 +81,7 @@ SCENES = {
 
 
 def summary_of(scene, out):
-    with patch("pdfem_mpi.run.run.warm_up"):
-        code = run(scene, mpi().COMM_SELF, out, write_deck(scene), True, Silence())
+    code = run(scene, mpi().COMM_SELF, out, write_deck(scene), True, Silence())
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert code == 0, summary["reason"]
     return summary
@@ -123,14 +121,6 @@ def test_a_scene_has_the_parts_that_it_needs_and_a_reason_for_each_other(memory,
 )
 def test_reasons_name_the_key(memory, scene, part, reason):
     assert memory[scene]["left_out"][part] == reason
-
-
-def test_groups_of_the_table_have_each_part_once():
-    """Of docs/needs.md, made by tools/needs_table."""
-    loader = SourceFileLoader("needs_table", str(ROOT / "tools" / "needs_table"))
-    table = module_from_spec(spec_from_loader("needs_table", loader))
-    loader.exec_module(table)
-    assert sorted(part for parts in table.GROUPS.values() for part in parts) == sorted(PARTS)
 
 
 def test_bytes_are_those_of_the_rows():
@@ -220,7 +210,7 @@ from pdfem_mpi.run.memory_report import features_of
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run.run import run
 from unit.run.test_memory_report import SCENES
-from verification.bodies import Silence
+from support.reporters import Silence
 sys.modules.pop("matplotlib", None)
 expected = set()
 for number, (name, (scene, _, _)) in enumerate(SCENES.items()):

@@ -14,7 +14,8 @@ from pdfem_mpi.results import checkpoint, vtkhdf
 from pdfem_mpi.results.checkpoint import check, list_checkpoints
 from pdfem_mpi.system import faults
 from pdfem_mpi.system.lock import Lock
-from restarts import FACTORS, Silently, StopAt, alone, differing, in_child, often, outcome, relaxed
+from support.reporters import Listener
+from support.restarts import FACTORS, StopAt, alone, differing, in_child, often, outcome, relaxed
 
 FINISHED, USAGE, NO_CHECKPOINT, NOT_WRITTEN, NOT_CONVERGED, STOPPED = 0, 64, 65, 73, 74, 75
 MIDDLE = 100  # a safe point in the second of three steps
@@ -72,7 +73,7 @@ def test_a_process_that_ends_in_any_phase_of_a_checkpoint_loses_nothing(tmp_path
     assert in_child(lambda: alone(often(), out), PDFEM_CRASH_AT=f"{phase}:5") == faults.CRASHED
     assert all(check(path) for path in files(out))
     assert len(files(out)) == (4 if phase in ("outcome", "rotate") else 3)
-    reporter = Silently()
+    reporter = Listener()
     assert alone(often(), out, reporter=reporter) == FINISHED
     assert reporter.said("did not end by itself") and reporter.said("going on from")
     assert not differing(outcome(out), straight)
@@ -94,7 +95,7 @@ def test_kills_at_random_times_lose_nothing(tmp_path, straight, seed):
 
 @pytest.mark.slow
 def test_a_run_killed_before_its_first_checkpoint_starts_again(tmp_path, straight):
-    out, reporter = tmp_path / "run", Silently()
+    out, reporter = tmp_path / "run", Listener()
     assert in_child(lambda: alone(often(), out), PDFEM_CRASH_AT="agree:1") == faults.CRASHED
     assert alone(often(), out, reporter=reporter, resume="continue") == FINISHED
     assert reporter.said("there is no checkpoint yet")
@@ -150,7 +151,7 @@ def test_every_checkpoint_of_a_run_leads_to_the_same_end(tmp_path, straight):
 def test_other_scenes_go_on_too(tmp_path, kind):
     """Conjugate gradients stop between steps; parts that a scene has not are not in its files."""
     tables = {"stepping": Steps(load_factors=FACTORS), "output": Output(figures=False)}
-    from verification.bodies import make_scene
+    from support.bodies import make_scene
 
     scene = {
         "cg linear": lambda: make_scene((9, 3, 2), 4, solver="cg", **tables),
@@ -243,7 +244,7 @@ def test_the_one_before_a_spoiled_one_serves_and_it_is_said_why(out, straight, h
     newest, before = files(out)[:2]
     spoil(newest)
     (out / "checkpoints" / "ckpt-000099.h5.tmp.1").write_bytes(b"torn")
-    reporter = Silently()
+    reporter = Listener()
     assert alone(often(), out, reporter=reporter) == FINISHED
     assert reporter.said(newest.name, "is passed over", reason) and reporter.said(f"going on from {before.name}")
     assert newest.with_name(f"{newest.name}.damaged").exists()
@@ -263,7 +264,7 @@ def test_no_sound_checkpoint_is_65_and_nothing_is_touched(out):
     for path in files(out):
         flipped(path)
     before = sorted(path.name for path in out.rglob("*"))
-    reporter = Silently()
+    reporter = Listener()
     assert alone(often(), out, reporter=reporter) == NO_CHECKPOINT
     assert all(reporter.said(path.name) for path in files(out)) and reporter.said("--overwrite")
     assert sorted(path.name for path in out.rglob("*")) == before
@@ -274,7 +275,7 @@ def test_a_newer_format_is_refused_and_not_passed_over(out, monkeypatch):
     monkeypatch.setattr(checkpoint._seal_of, "__defaults__", (checkpoint.FORMAT + 1,))
     checkpoint._seal(files(out)[0])
     monkeypatch.undo()
-    reporter = Silently()
+    reporter = Listener()
     assert alone(often(), out, reporter=reporter) == NO_CHECKPOINT
     assert reporter.said("of a newer pdfem_mpi")
 
@@ -332,7 +333,7 @@ def test_results_shorter_than_the_checkpoint_says_step_aside_and_it_serves(tmp_p
     assert alone(scene, out, requests=StopAt(MIDDLE)) == STOPPED
     newest = files(out)[0]
     shorten(out)
-    reporter = Silently()
+    reporter = Listener()
     assert alone(scene, out, reporter=reporter) == FINISHED
     assert reporter.said("warning", name, "begins anew") and reporter.said(f"going on from {newest.name}")
     assert (out / f"{name}.damaged").exists()
@@ -348,7 +349,7 @@ def test_unreadable_results_step_aside(out, straight, name, how):
         path.unlink()
     else:
         path.write_bytes(b"\0" * path.stat().st_size)
-    reporter = Silently()
+    reporter = Listener()
     assert alone(often(), out, reporter=reporter) == FINISHED
     assert reporter.said("warning", name, "begins anew")
     assert path.with_name(f"{name}.damaged").exists() == (how == "damaged")
@@ -378,7 +379,7 @@ class Failing:
 @pytest.mark.parametrize("number", mostly_slow([errno.ENOSPC, errno.EIO], [errno.EIO]))
 @pytest.mark.parametrize("times", mostly_slow([1, 2], [2]))
 def test_one_or_two_failures_are_warnings(tmp_path, straight, monkeypatch, times, number):
-    reporter = Silently()
+    reporter = Listener()
     monkeypatch.setattr(os, "replace", Failing(times, number))
     assert alone(often(), tmp_path / "run", reporter=reporter) == FINISHED
     assert sum("warning" in line and os.strerror(number) in line for line in reporter.lines) == times
@@ -388,7 +389,7 @@ def test_one_or_two_failures_are_warnings(tmp_path, straight, monkeypatch, times
 
 @pytest.mark.slow
 def test_three_failures_in_a_row_are_73_and_the_run_can_go_on(out, straight, monkeypatch):
-    reporter = Silently()
+    reporter = Listener()
     with monkeypatch.context() as patched:
         patched.setattr(os, "replace", Failing(3))
         assert alone(often(), out, reporter=reporter) == NOT_WRITTEN
@@ -415,7 +416,7 @@ def test_results_that_cannot_be_written_end_the_run_and_it_goes_on_later(out, st
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), name)
 
     where = (vtkhdf, "append_frame") if name == "points.vtkhdf" else (history.History, "append")
-    reporter = Silently()
+    reporter = Listener()
     with patch.object(*where, full):
         assert alone(often(), out, reporter=reporter) == NOT_WRITTEN
     assert reporter.said(name, "No space left")
@@ -427,7 +428,7 @@ def test_a_read_only_folder_is_73(out, monkeypatch):
     def refuse(*arguments, **options):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(arguments[0]))
 
-    reporter = Silently()
+    reporter = Listener()
     monkeypatch.setattr("pathlib.Path.write_text", refuse)
     assert alone(often(), out, reporter=reporter) == NOT_WRITTEN
     assert reporter.said("Read-only file system")
@@ -437,7 +438,7 @@ def test_a_read_only_folder_is_73(out, monkeypatch):
 
 
 def test_another_scene_is_refused_with_all_its_keys(out):
-    reporter = Silently()
+    reporter = Listener()
     scene = often(solver="cg")
     scene = scene.model_copy(update={"material": Material(youngs_modulus=2.0)})
     assert alone(scene, out, reporter=reporter) == NO_CHECKPOINT
@@ -455,7 +456,7 @@ def test_changes_that_make_sense_are_told(out):
     probe = DisplacementProbe(kind="displacement", name="end", point=(9.0, 1.5, 1.0))
     scene = often(max_evaluations=500, probes=(probe,), title="longer")
     scene = scene.model_copy(update={"stepping": Steps(load_factors=(*FACTORS, 1.5))})
-    reporter = Silently()
+    reporter = Listener()
     assert alone(scene, out, reporter=reporter) == FINISHED
     assert reporter.said("note: solver.max_evaluations was 20000, the deck has 500")
     assert reporter.said("note: stepping.load_factors was")
@@ -464,7 +465,7 @@ def test_changes_that_make_sense_are_told(out):
 
 def test_other_fields_begin_new_files_of_frames(out, straight):
     """A frame must have the fields of those before it in its file."""
-    reporter = Silently()
+    reporter = Listener()
     assert alone(often(output=Output(figures=False, damage=True)), out, reporter=reporter) == FINISHED
     assert reporter.said("points.vtkhdf begins anew: output was changed")
     assert vtkhdf.frames(out / "points.vtkhdf.before") == 1 and vtkhdf.frames(out / "points.vtkhdf") == 2
@@ -475,13 +476,13 @@ def test_other_fields_begin_new_files_of_frames(out, straight):
 @pytest.mark.slow
 def test_another_version_of_packages_is_told(out, monkeypatch):
     monkeypatch.setattr(np, "__version__", "0.0")
-    reporter = Silently()
+    reporter = Listener()
     assert alone(often(), out, reporter=reporter) == FINISHED
     assert reporter.said("another packages")
 
 
 def test_a_finished_run_is_not_overwritten_and_can_be_made_longer(tmp_path, straight):
-    out, reporter = tmp_path / "run", Silently()
+    out, reporter = tmp_path / "run", Listener()
     short = often(stepping=Steps(load_factors=FACTORS[:2]))
     assert alone(short, out) == FINISHED
     assert alone(often(), out, reporter=reporter) == USAGE
@@ -541,7 +542,7 @@ def test_a_named_checkpoint_that_cannot_be_used_is_65(out, tmp_path, what):
         path.unlink()
     else:
         flipped(path)
-    reporter = Silently()
+    reporter = Listener()
     assert alone(often(), out, resume=str(path), reporter=reporter) == NO_CHECKPOINT
     assert reporter.said(path.name, "there is no such file" if what == "missing" else "damaged")
 
@@ -550,21 +551,21 @@ def test_a_named_checkpoint_that_cannot_be_used_is_65(out, tmp_path, what):
 
 
 def test_two_jobs_in_one_folder(out):
-    held, reporter = Lock(out), Silently()
+    held, reporter = Lock(out), Listener()
     assert alone(often(), out, reporter=reporter) == NOT_WRITTEN
     assert reporter.said("writes into this folder", "--steal-lock")
     held.release()
 
 
 def test_a_refused_run_leaves_no_folder_behind(tmp_path):
-    reporter = Silently()
+    reporter = Listener()
     path = tmp_path / "ckpt-000001.h5"
     assert alone(often(), tmp_path / "a" / "b", resume=str(path), reporter=reporter) == NO_CHECKPOINT
     assert not (tmp_path / "a").exists()
 
 
 def test_the_log_has_every_start(out):
-    reporter = Silently()
+    reporter = Listener()
     assert alone(often(), out, reporter=reporter) == FINISHED
     log = (out / "run.log").read_text(encoding="utf-8")
     assert log.count("stopped: asked to stop") == 1 and log.count("going on from") == 1

@@ -11,13 +11,13 @@ import numpy as np
 import psutil
 import pytest
 
-from helpers import ROOT, outside_launcher, run_pdfem
 from pdfem_mpi.deck.scene import Output, Steps
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.results.checkpoint import check, list_checkpoints
 from pdfem_mpi.system import faults
-from restarts import alone, differing, often, outcome, relaxed
-from verification.bodies import make_scene
+from support.bodies import make_scene
+from support.helpers import ROOT, outside_launcher, run_pdfem
+from support.restarts import alone, differing, often, outcome, relaxed
 
 FINISHED, USAGE, NO_CHECKPOINT, ABORTED, NOT_WRITTEN, NOT_CONVERGED, STOPPED = 0, 64, 65, 70, 73, 74, 75
 LONG = 100_000  # iterations that nobody waits for

@@ -11,7 +11,7 @@ from pdfem_mpi.model.forces import NotFinite
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.adr import LARGEST_DAMPING, damping_coefficient
 from pdfem_mpi.solvers.convergence import NotConverged
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
 
 ROUND_OFF = 1e-12  # relative
 

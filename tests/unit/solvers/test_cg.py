@@ -9,7 +9,7 @@ from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from pdfem_mpi.stepping import make_solver
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
 
 TOLERANCE = 1e-9
 AGREEMENT = 1e-6  # of the largest displacement: the softest mode is some 1e3 softer than the stiffest

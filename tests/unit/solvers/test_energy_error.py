@@ -9,7 +9,7 @@ from pdfem_mpi.deck.scene import BodyForce, Support
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.energy_error import Coefficients
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
 
 # The estimate over the true error: 0.55 to 1.4 were found on bodies of these kinds, for residuals below a tenth
 LOWEST, HIGHEST = 0.4, 2.5

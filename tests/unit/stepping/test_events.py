@@ -7,7 +7,7 @@ from pdfem_mpi.deck.scene import BodyForce, Events, Steps, Support
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.stepping import events
 from pdfem_mpi.stepping.arrest import LEFT, MOST_DRIFT
-from verification.failing import CHIP, DEAD, EDGE, GUIDED, STRETCH, chipped, failing, followed, numbers, strip
+from support.failing import CHIP, DEAD, EDGE, GUIDED, STRETCH, chipped, failing, followed, numbers, strip
 
 CLOSED = 1e-10  # of the work: round-off of thousands of sums; 1e-14 is found
 TANGENT_STEPS = 1e-4  # of the work, finite kinematics: X is that of the tangent, strains are some 1e-3; 1e-5 is found

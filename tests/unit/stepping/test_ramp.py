@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.deck.scene import Ramp
-from verification.failing import DEAD, failing, followed, numbers, strip
+from support.failing import DEAD, failing, followed, numbers, strip
 
 SLOW = 2e-4  # of the load factor an iteration: first breaks come after 1,800 iterations, the strip rings in 50
 NEARLY_STATIC = 0.01  # of the work: what is kinetic or damped away before the first break; 1e-3 is found

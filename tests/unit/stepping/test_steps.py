@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.deck.scene import Steps
-from verification.failing import followed, strip
+from support.failing import followed, strip
 
 OVERSHOOT = 1.02
 

@@ -7,9 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from tiny import TINY
 
-from helpers import outside_launcher, run_pdfem, run_python
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.scene import SceneError
 from pdfem_mpi.deck.toml import MOST_PROBLEMS, DeckError, parse_deck, read_deck
@@ -18,7 +16,9 @@ from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run import memory_estimate as memory
 from pdfem_mpi.system import limits
 from pdfem_mpi.system.limits import Limit, group_limit, own_limit, shared_memory_problem
-from restarts import alone, often
+from support.helpers import outside_launcher, run_pdfem, run_python
+from support.restarts import alone, often
+from support.tiny import TINY
 
 USAGE, MIB = 64, 2**20
 #: Of a processor, before a bad deck is refused: wall time would be that of other work as well.

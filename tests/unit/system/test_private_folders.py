@@ -12,12 +12,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from helpers import ROOT, outside_launcher, run_python
 from pdfem_mpi.peridynamics.fit import cache as factor_cache
 from pdfem_mpi.system import launcher as launch
 from pdfem_mpi.system import private_folders
 from pdfem_mpi.system.launcher import mpirun_command
 from pdfem_mpi.system.private_folders import make_fresh, make_private, why_others_decide
+from support.helpers import ROOT, outside_launcher, run_python
 
 ME, STRANGER = os.geteuid(), 54321
 VICTIM, ATTACKER = 54322, 65534

@@ -1,22 +1,9 @@
 """The plate before and after in docs/fitted.md: its decks, its differences, its table."""
 
-import sys
-
 import numpy as np
 import pytest
 
-from helpers import ROOT
-
-
-@pytest.fixture(scope="module")
-def plate():
-    sys.path.insert(0, str(ROOT / "tools"))
-    try:
-        import fitted_plate
-
-        yield fitted_plate
-    finally:
-        sys.path.remove(str(ROOT / "tools"))
+from tools.studies.fitted import plate
 
 
 def make_line(factor_x=1.0, factor_y=1.0):
@@ -24,7 +11,7 @@ def make_line(factor_x=1.0, factor_y=1.0):
     return {"x": x, "u_x": factor_x * 1e-3 * x, "u_y": factor_y * (4e-4 - 1e-5 * x**2)}
 
 
-def test_runs_are_those_of_the_four_kinds_of_bonds_and_two_spacings_of_elements(plate):
+def test_runs_are_those_of_the_four_kinds_of_bonds_and_two_spacings_of_elements():
     scenes = [member.scene for item in plate.make_series(full=True) for member in item.members()[1]]
     assert [scene.mesh.spacing for scene in scenes] == [0.05, 0.025, 0.05, 0.05, 0.05, 0.05]
     bonds = [scene for scene in scenes if scene.regions[0].model == "peridynamics" or len(scene.regions) > 1]
@@ -37,7 +24,7 @@ def test_runs_are_those_of_the_four_kinds_of_bonds_and_two_spacings_of_elements(
     assert coarse == [0.1, 0.05, 0.1, 0.1, 0.1, 0.1]
 
 
-def test_differences_are_percent_of_the_local_value_where_it_is_not_small(plate):
+def test_differences_are_percent_of_the_local_value_where_it_is_not_small():
     reference, line = make_line(), make_line(factor_x=1.01, factor_y=0.98)
     along_x, along_y = (plate.differences(line, reference, name) for name in ("u_x", "u_y"))
     told = np.abs(reference["x"]) > 4.5 * plate.LEAST - 1e-9
@@ -46,14 +33,14 @@ def test_differences_are_percent_of_the_local_value_where_it_is_not_small(plate)
     assert along_y == pytest.approx(-2.0)
 
 
-def test_lines_of_other_places_are_refused(plate):
+def test_lines_of_other_places_are_refused():
     other = make_line()
     other["x"] = other["x"] + 0.01
     with pytest.raises(ValueError, match="other places"):
         plate.differences(other, make_line(), "u_x")
 
 
-def test_table_has_a_row_for_each_station(plate):
+def test_table_has_a_row_for_each_station():
     """Elements off by 4 and 1 % extrapolate to 0; fitted bonds are off by 5 and, in a part, by 3 %."""
     off = dict(zip(plate.CURVES, (4.0, 1.0, 9.0, 7.0, 5.0, 3.0), strict=True))
     lines = {label: make_line(1.0 + 0.01 * percent, 1.0 - 0.01 * percent) for label, percent in off.items()}

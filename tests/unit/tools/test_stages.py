@@ -7,7 +7,7 @@ import time
 import psutil
 import pytest
 
-from helpers import ROOT
+from support.helpers import ROOT
 
 spec = importlib.util.spec_from_file_location("stages", ROOT / "tools" / "stages.py")
 stages = importlib.util.module_from_spec(spec)

@@ -12,7 +12,7 @@ from pdfem_mpi.peridynamics.fit.dissection import count_entries
 from pdfem_mpi.peridynamics.fit.equations import HELD
 from pdfem_mpi.peridynamics.fit.grid import MOST_ENTRIES, grid_counts, make_factor_grid, tensor
 from pdfem_mpi.peridynamics.fit.operator import Operator
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
 
 CUTOFF = 2.5
 

@@ -9,7 +9,7 @@ from pdfem_mpi.model.model import build_intact_elements
 from pdfem_mpi.solvers.preconditioner import coarse_grid as grid
 from pdfem_mpi.solvers.preconditioner.blocks import inverted, node_blocks, point_blocks, softest
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
 
 ROUNDED = 1e-9  # relative: restrictions and inner forces are rounded to 2**-50 of bounds well above what is met
 SMALLEST_RITZ, LARGEST_RITZ = 0.05, 3.0  # .2 to 2.3 were found; point-block Jacobi alone goes down to 1e-3

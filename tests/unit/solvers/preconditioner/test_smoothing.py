@@ -9,7 +9,7 @@ from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.solvers.preconditioner.preconditioner import OMEGA, make_preconditioner
 from pdfem_mpi.solvers.preconditioner.smoothing import PRODUCT, damping
 from pdfem_mpi.stepping import follow_load_program, make_solver
-from verification.bodies import build, make_scene
+from support.bodies import build, make_scene
 
 HELD = (Support(face="x-", x=0.0, y=0.0, z=0.0),)
 PULL = (Traction(kind="traction", face="x+", total=(1.0, 0.0, 0.0)),)

@@ -1,0 +1,85 @@
+"""Walls outside the package: what tools and tests may import, and how much stands directly in tools/."""
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+TOOLS, TESTS = ROOT / "tools", ROOT / "tests"
+LINES_IN_TOOLS = 400
+#: Studies may use these, the library of Python, and what stands in tools/studies.
+LIBRARIES = {"numpy", "matplotlib", "meshio", "psutil"}
+#: The one place of tools/studies that uses the package's inside, and how many names of it are left. Public names take
+#: their places; the number may only fall.
+INTERNALS = TOOLS / "studies" / "internals.py"
+NAMES_LEFT = 49
+#: Tests of tools, and of the hard cases; no others import tools.
+MAY_IMPORT_TOOLS = TESTS / "unit" / "tools"
+
+
+def is_python(path):
+    """Whether a file is a script or a module of Python."""
+    if path.suffix == ".py":
+        return True
+    return path.is_file() and not path.suffix and path.read_text(encoding="utf-8").startswith("#!/usr/bin/env python3")
+
+
+def python_files(folder):
+    return [path for path in sorted(folder.rglob("*")) if "__pycache__" not in path.parts and is_python(path)]
+
+
+def imports_of(path):
+    """Full names of all modules that a file imports, inside functions too."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add(node.module)
+    return found
+
+
+def name(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("path", python_files(TOOLS), ids=name)
+def test_tools_import_no_tests(path):
+    """What a study needs of tests it takes from their reports."""
+    folders = {folder.name for folder in TESTS.iterdir() if folder.is_dir()} | {"tests", "conftest"}
+    assert not {module for module in imports_of(path) if module.split(".")[0] in folders}
+
+
+@pytest.mark.parametrize("path", python_files(TOOLS / "studies"), ids=name)
+def test_studies_use_the_inside_of_the_package_in_one_place(path):
+    """Each other module of a study imports studies, Python's own library, and a few others."""
+    allowed = LIBRARIES | set(sys.stdlib_module_names) | ({"pdfem_mpi"} if path == INTERNALS else set())
+    modules = {module for module in imports_of(path) if not module.startswith("tools.studies")}
+    assert not {module for module in modules if module.split(".")[0] not in allowed}
+
+
+def test_names_of_the_inside_that_studies_use_do_not_grow():
+    tree = ast.parse(INTERNALS.read_text(encoding="utf-8"))
+    names = {
+        alias.asname or alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] == "pdfem_mpi"
+        for alias in node.names
+    }
+    assert len(names) <= NAMES_LEFT, f"{len(names)} names: {', '.join(sorted(names))}"
+
+
+@pytest.mark.parametrize("path", python_files(TESTS), ids=name)
+def test_tests_import_no_tools(path):
+    """But for those whose subject they are."""
+    if path.is_relative_to(MAY_IMPORT_TOOLS):
+        return
+    assert not {module for module in imports_of(path) if module.split(".")[0] == "tools"}
+
+
+def test_directly_in_tools_is_what_a_contributor_types():
+    files = {path.name: path for path in TOOLS.iterdir() if path.is_file()}
+    assert set(files) == {"run", "check", "environment", "stages.py"}
+    assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files.values()) <= LINES_IN_TOOLS

@@ -1,0 +1,41 @@
+"""Many more ranks than cores: sums, sizes and a solution are those of one rank. Also run on 8 and 32 ranks."""
+
+import numpy as np
+import pytest
+
+from pdfem_mpi.measure.fields import fields_sha256
+from pdfem_mpi.parallel.comm import broadcast, mpi, sum_integers, world
+from pdfem_mpi.peridynamics.bonds import total_bonds
+from pdfem_mpi.stepping import follow_load_program, make_solver
+from support.bodies import build, make_scene
+from support.helpers import assert_all
+
+pytestmark = pytest.mark.mpi
+#: 32 cells: a rank of 32 owns one of them, elements or points or both.
+SCENE = make_scene((8, 2, 2), 4, correction="none", solver="adr", tolerance=0.5)
+
+
+def solved(comm):
+    """Numbers of bonds and unknowns, evaluations, and the digest of the fields (of rank 0 on all)."""
+    body = build(SCENE, comm)
+    solve = make_solver(body.scene, body.discretization, body.forces, body.case, lambda text: None)
+    (row,) = follow_load_program(body.scene, solve, None, body.state, body.case)
+    fields = body.fields(body.state.u)
+    owned = int(sum_integers(comm, np.array([body.model.n_unknowns]))[0])
+    digest = broadcast(comm, fields_sha256(fields) if comm.rank == 0 else None)
+    return total_bonds(comm, body.model.bonds), owned, body.forces.evaluations, row.convergence.residual, digest
+
+
+def test_a_solution_on_many_ranks_is_that_of_one():
+    comm = world()
+    together = solved(comm)
+    alone = broadcast(comm, solved(mpi().COMM_SELF) if comm.rank == 0 else None)
+    assert_all(comm, together == alone, f"{together} where one rank has {alone}")
+
+
+def test_integers_are_summed_exactly_over_all_ranks():
+    comm = world()
+    large = 2**62 // comm.size
+    found = sum_integers(comm, np.array([comm.rank, large - comm.rank, 1]))
+    expected = [comm.size * (comm.size - 1) // 2, comm.size * large - comm.size * (comm.size - 1) // 2, comm.size]
+    assert_all(comm, found.tolist() == expected, str(found))

@@ -1,0 +1,277 @@
+"""Bodies with corners and refined cells broken by several rules and corrections: docs/failure_criterion.md.
+
+A refined hole, a square notch and two holes, each coarse, with cells of half the edge at the same internal length, and
+with half the internal length as well. Each case leaves a file in runs/criterion_study/; one of the same settings is
+kept. ``--full`` adds the largest references. A case without a result is marked in its table.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from tools.studies import internals
+from tools.studies.failure_criterion.bodies import (
+    BODIES,
+    STRETCH,
+    THICKNESS,
+    BondList,
+    Ruled,
+    break_by_rule,
+    make_scene,
+    weights,
+)
+from tools.studies.series import DOCS, RUNS, Results, fill, parser_of, table
+
+RESULTS = Results(RUNS / "criterion_study")
+FIGURE = DOCS / "figures" / "failure_criterion.svg"
+VERSION = 1  # counts up when cases mean something else
+FIT_TOLERANCE = 1e-5  # of the fits: far below what is read from them
+BULK = 27.0 * np.sqrt(np.pi) / 16.0 * (2.0 / 3.0) * 0.971457  # G_c / (E l s_0^2) of the bulk, cutoff 2.5 l
+RULES = ("all", "g>=0.1", "g>=0.5", "0.3<=g<=3", "r>=0.5", "r>=0.5 and g>=0.1", "depth", "capped", "energy")
+PROGRAMS_OWN = "r>=0.5"  # what `Failure.nearest` does
+CORRECTIONS = ("none", "appendix_a", "virial", "fitted")
+PLATES = ("hole", "notch", "two holes")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One body, mesh, internal length, correction and rule; ``only_first``: to the first break and no further."""
+
+    body: str
+    h: float
+    length: float
+    correction: str
+    rule: str = "all"
+    only_first: bool = False
+    full: bool = False
+
+    @property
+    def name(self) -> str:
+        """Of its file."""
+        parts = (self.body, f"{self.h:g}", f"{self.length:g}", self.correction, self.rule)
+        return "-".join(parts).replace(" ", "_").replace(">=", "_").replace("<=", "_")
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether only a part of the body is computed: fitted factors need all of it."""
+        return self.correction != "fitted"
+
+
+STRIPS = tuple(
+    Case("strip", h, length, correction, only_first=True)
+    for h, length in ((1.0, 1.0), (0.5, 0.5), (0.5, 1.0))
+    for correction in CORRECTIONS
+    if correction != "fitted" or length == h
+)
+MODELS = tuple(Case(body, 1.0, 1.0, correction) for body in PLATES for correction in CORRECTIONS)
+REFINED = tuple(
+    Case(body, 0.5, length, correction, full=body == "two holes" or (correction == "fitted" and body != "hole"))
+    for body in PLATES
+    for length, correction in ((0.5, "virial"), (1.0, "virial"), (0.5, "fitted"))
+)
+FINEST = tuple(
+    Case(body, 0.25, length, "virial", only_first=True, full=length == 1.0)
+    for body, length in (("hole", 0.25), ("notch", 0.25), ("hole", 1.0))
+)
+#: All rules at the hole; elsewhere those that made a difference there.
+RULED = tuple(Case("hole", 1.0, 1.0, "fitted", rule) for rule in RULES if rule != "all")
+RULED += (Case("notch", 1.0, 1.0, "fitted", "r>=0.5"), Case("two holes", 1.0, 1.0, "fitted", "r>=0.5", only_first=True))
+RULED += tuple(Case(body, 1.0, 1.0, "fitted", "energy", full=body == "two holes") for body in PLATES[1:])
+RULED += (Case("hole", 0.5, 0.5, "fitted", "r>=0.5", only_first=True),)
+CASES = STRIPS + MODELS + REFINED + FINEST + RULED
+
+
+def identity(case: Case) -> dict[str, Any]:
+    """What a result depends on."""
+    return {"version": VERSION, "case": asdict(case) | {"full": False}}
+
+
+def read(case: Case) -> dict | None:
+    """What a case gave; None where it has not run with these settings."""
+    return RESULTS.read(case.name, identity(case))
+
+
+def run(case: Case) -> dict:
+    """Break the body; loads are stresses in the gross section over ``E s_0``, energies those over the ligament's."""
+    began = time.process_time()
+    meshes = RESULTS.folder / "meshes"
+    meshes.mkdir(parents=True, exist_ok=True)
+    scene = make_scene(case.body, case.h, case.length, case.correction, case.mirrored, meshes)
+    body = internals.assemble(scene, (RESULTS.folder / "fits",))
+    discretization, model = body.discretization, body.model
+    failure = internals.make_failure(scene, discretization, model)
+    edge = case.h / discretization.units.length
+    failure.nearest = 0.5 * edge if case.rule == PROGRAMS_OWN else 0.0
+    fit = model.body_fit.fit if model.body_fit else None
+    known = {"bonds": model.bonds.count, "fit_residual": fit.residual if fit else None}
+    known["largest_factor"] = fit.largest_factor if fit else None
+    if case.body == "strip":
+        known["fracture_energy"] = own_fracture_energy(case, discretization, model)
+    else:
+        if case.rule not in ("all", PROGRAMS_OWN):
+            bonds = BondList(discretization, model)
+            rule = weights(case.rule, bonds, edge, discretization, model)
+            books = failure.class_of, failure.stretch, failure.pairs, failure.strengths, failure.counter
+            failure = Ruled(*books).follow(bonds, *rule)
+        solver = internals.make_solver(scene, discretization, body.forces, body.load, print)
+        program = internals.follow_load_program(scene, solver, failure, body.state, body.load)
+        rows = list(islice(program, 1 if case.only_first else None))
+        known |= history(case, discretization, failure, rows, scene.mesh.symmetry)
+    known["seconds"] = time.process_time() - began
+    RESULTS.write(case.name, identity(case), known)
+    return known
+
+
+def history(case: Case, discretization, failure, rows, planes) -> dict:
+    """First break, peak over stable states and their energies, from the rows of a run."""
+    units, (_, width, ligament, _) = discretization.units, BODIES[case.body]
+    parts = 2 ** len(planes)
+    section = width * THICKNESS / 2 ** sum(face[0] in "yz" for face in planes)
+    to_stress = units.force / section / STRETCH
+    to_energy = units.force * units.length * parts / (BULK * case.length * STRETCH**2 * ligament * THICKNESS)
+    stable = [row for row in rows if row.event == "critical"]
+    top = max(stable, key=lambda row: row.reaction)
+    known = {"first": stable[0].reaction * to_stress}
+    if case.only_first:
+        return known
+    x, ids = internals.point_positions(discretization), failure.broken_pairs()
+    n = len(x)
+    ends = x[ids % n] - units.origin
+    if len(planes):
+        sign, shift = discretization.reflections
+        sign, shift = np.concatenate([np.ones((1, 3)), sign]), np.concatenate([np.zeros((1, 3)), shift * units.length])
+        ends = sign[ids // n] * ends + shift[ids // n]
+    middle = ends.mean(axis=1) + units.origin
+    if case.h == 1.0:  # the finer bodies' runs end when half of the load is lost
+        known |= {"broken": parts * rows[-1].broken, "energy": rows[-1].dissipated * to_energy}
+    return known | {
+        "peak": top.reaction * to_stress,
+        "stable_states": len(stable),
+        "broken_at_peak": parts * top.broken,
+        "energy_at_peak": top.dissipated * to_energy,
+        "place": np.abs(middle[0]).round(2).tolist(),
+        "ledger": max(abs(row.ledger_error) for row in rows if row.ledger_error is not None),
+    }
+
+
+def own_fracture_energy(case: Case, discretization, model) -> float:
+    """Energy of the bonds across ``x = 0`` at the critical stretch over the bulk's ``G_c``, away from the edges."""
+    bonds, half = BondList(discretization, model), (BODIES["strip"][1] / 2.0 - 2.6 * case.length) / case.length
+    x = np.ascontiguousarray(model.points.x.reshape(-1, 3, 4).swapaxes(1, 2)).reshape(-1, 3)
+    energy, plane = 0.0, -discretization.units.origin[0] / case.length
+    for ends, vector, square, stored in zip(bonds.ends, bonds.vector, bonds.square, bonds.stored, strict=True):
+        start, stop = x[ends[:, 0]], x[ends[:, 1]]
+        across = (start[:, 0] - plane) * (stop[:, 0] - plane) < 0.0
+        part = (plane - start[across, 0]) / vector[across, 0]
+        y = start[across, 1] + part * vector[across, 1] + discretization.units.origin[1] / case.length
+        near = np.abs(y) < half
+        energy += float((0.5 * stored[across] * square[across] ** 2)[near].sum())
+    height = THICKNESS / case.length / (2.0 if case.mirrored else 1.0)
+    return energy / (2.0 * half * height) / BULK
+
+
+def number(known: dict | None, key: str, form: str = ".3f") -> str:
+    """For a table."""
+    return "not run here" if known is None else "-" if known.get(key) is None else format(known[key], form)
+
+
+HEAD = ("first break / E s_0", "its place", "peak / E s_0", "broken at the peak", "broken in all")
+HEAD += ("energy of the cracks",)
+
+
+def describe(case: Case) -> list[str]:
+    """Cells of a row of results."""
+    known = read(case)
+    keys = (("first", ".4f"), ("peak", ".4f"), ("broken_at_peak", ",d"), ("broken", ",d"), ("energy", ".2f"))
+    columns = [number(known, key, form) for key, form in keys] if known else ["not run here"] + [""] * 4
+    place = f"({', '.join(f'{c:g}' for c in known['place'])})" if known and "place" in known else ""
+    return [columns[0], place, *columns[1:]]
+
+
+def tables() -> dict[str, list[str]]:
+    """Sections of the document, by their names."""
+    models = [
+        [body, f"{case.h:g}", f"{case.length:g}", case.correction, *describe(case)]
+        for body in PLATES
+        for case in MODELS + REFINED + FINEST
+        if case.body == body
+    ]
+    rules = [
+        [body, f"{case.h:g}", f"`{case.rule}`", *describe(case)]
+        for body in PLATES
+        for case in MODELS + RULED
+        if case.body == body and case.correction == "fitted"
+    ]
+    strips = []
+    for h, length in ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5)):
+        cases = [Case("strip", h, length, correction, only_first=True) for correction in CORRECTIONS]
+        cells = [number(read(case), "fracture_energy") if case in STRIPS else "-" for case in cases]
+        strips.append([f"{h:g}", f"{length:g}", f"{THICKNESS / length:g}", *cells])
+    return {
+        "models": table(["body", "h", "l", "correction", *HEAD], models),
+        "rules": table(["body", "h, l", "rule", *HEAD], rules),
+        "fracture energies": table(["h", "l", "thickness / l", *CORRECTIONS], strips),
+    }
+
+
+def prepare() -> None:
+    """Loosen the fits, and let bonds break by the rules of this study."""
+    internals.equations.TOLERANCE = FIT_TOLERANCE
+    internals.events.break_bonds = break_by_rule
+
+
+def draw() -> None:
+    """First breaks and peaks of each plate over those with "virial", and the same of the references."""
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(8.6, 3.4), sharey=True, layout="constrained")
+    shown = [(correction, "all", correction) for correction in CORRECTIONS]
+    shown += [("fitted", PROGRAMS_OWN, "fitted, r >= h/2"), ("fitted", "energy", "fitted, energy")]
+    for axis, key, title in zip(axes, ("first", "peak"), ("first break", "peak"), strict=True):
+        for column, body in enumerate(PLATES):
+            scale = read(Case(body, 1.0, 1.0, "virial"))
+            for k, (correction, rule, label) in enumerate(shown):
+                only_first = body == "two holes" and rule == PROGRAMS_OWN
+                known = read(Case(body, 1.0, 1.0, correction, rule, only_first))
+                if scale and known and key in known:
+                    axis.bar(
+                        column + 0.13 * (k - 2.5), known[key] / scale[key], 0.12, color=f"C{k}",
+                        label=label if column == 0 else None,
+                    )  # fmt: skip
+            reference = read(Case(body, 0.5, 1.0, "virial"))
+            if scale and reference:
+                height = reference[key] / scale[key]
+                label = "half the cells' edge, virial" if column == 0 else None
+                axis.plot([column - 0.4, column + 0.4], [height, height], color="black", label=label)
+        axis.set_xticks(range(len(PLATES)), PLATES)
+        axis.set_title(f'{title}, over that with "virial"')
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", fontsize=7)
+    plt.rcParams["svg.hashsalt"] = "pdfem"
+    figure.savefig(FIGURE, metadata={"Date": None})
+
+
+def main(words: Sequence[str]) -> int:
+    """Run what is left, and fill the tables."""
+    options = parser_of(__doc__, full="the largest references too").parse_args(words)
+    if not options.dry_run:
+        prepare()
+    for case in CASES:
+        if options.report or options.only not in case.name or (case.full and not options.full) or read(case):
+            continue
+        print(case.name, end=": ", flush=True)
+        if options.dry_run:
+            print()
+            continue
+        known = run(case)
+        keys = ("first", "peak", "broken", "energy", "fracture_energy", "fit_residual", "largest_factor", "seconds")
+        print(", ".join(f"{key} {number(known, key, '.4g')}" for key in keys if known.get(key) is not None), flush=True)
+    if not options.dry_run:
+        fill(DOCS / "failure_criterion.md", tables())
+        draw()
+    return 0

@@ -1,0 +1,148 @@
+"""Figures of docs/fitted.md: factors, what the fit leaves, the coupled bar and the plate before and after.
+
+Bodies of a few thousand points, and the plate with cells of 0.1 in: a minute on two cores, figures in
+runs/fitted_figures/coarse. With ``--full`` the plate has the paper's cells, and figures are written to docs/figures.
+The plate's stations are printed as they stand in docs/fitted.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from matplotlib import pyplot as plt
+
+from tools.studies import internals
+from tools.studies.fitted import plate
+from tools.studies.members import run_series
+from tools.studies.series import DOCS, JOBS, RUNS
+
+CELLS = (12, 6, 6)
+BAR = (
+    "mesh.spacing=0.1",
+    "mesh.lower=[-2, -0.2, -0.2]",
+    "mesh.upper=[2, 0.2, 0.2]",
+    "probes.left_end.point=[-2, 0.0, 0.0]",
+    "probes.right_end.point=[2, 0.0, 0.0]",
+    'solver.kind="cg"',
+    "solver.tolerance=1e-9",
+)
+STYLE = {"free": ("tab:blue", "free signs"), "bounded": ("tab:orange", "positive"), "none": ("0.6", "no correction")}
+
+
+BLOCK = f"""
+[mesh]
+kind = "box"
+lower = [0, 0, 0]
+upper = [{CELLS[0]}, {CELLS[1]}, {CELLS[2]}]
+spacing = 1.0
+[material]
+youngs_modulus = 1000.0
+[[regions]]
+name = "bonds"
+model = "peridynamics"
+[[supports]]
+face = "x-"
+x = 0.0
+"""
+
+
+def body(correction, signs="free"):
+    """A block of cubes."""
+    settings = (f"peridynamics.surface_correction={correction}", f"peridynamics.signs={signs}")
+    settings += ("peridynamics.kinematics=linear",)
+    return internals.assemble(internals.parse_deck(BLOCK, "block", settings))
+
+
+def draw_factors(path):
+    """Histogram of the factors over all bonds of the block, for both signs."""
+    base = body("none").stored()
+    figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
+    for signs in ("free", "bounded"):
+        factor = body("fitted", signs).stored()[base != 0.0] / base[base != 0.0]
+        colour, label = STYLE[signs]
+        axes.hist(factor, np.linspace(-2.0, 14.0, 161), histtype="step", log=True, color=colour, label=label)
+    axes.set_xlabel("strength of a bond, over that without correction")
+    axes.set_ylabel("bonds")
+    axes.set_title(f"{' x '.join(map(str, CELLS))} cells, {np.count_nonzero(base):,} bonds", fontsize="medium")
+    axes.legend(frameon=False)
+    figure.savefig(path / "fitted_factors.svg", metadata={"Date": None})
+    plt.close(figure)
+
+
+def draw_residual(path):
+    """Largest miss of the ten equations of each point, in the outermost layer of points, for several corrections."""
+    figure, axes = plt.subplots(1, 3, figsize=(9.6, 2.5), layout="constrained", sharey=True)
+    for axis, correction in zip(axes, ("appendix_a", "virial", "fitted"), strict=True):
+        assembled = body(correction)
+        model, d = assembled.model, assembled.discretization
+        areas, _ = internals.fit.compatible_areas(d, internals.find_boundary(d.mesh, d.nodes, d.body))
+        goal = internals.equations.targets(areas[model.subdomain.free].reshape(-1, 3))
+        operator = internals.Operator(model.comm, model.points, model.bonds, np.ones(1))
+        miss = np.abs(goal - operator.moments(np.zeros_like(goal), False)).max(axis=1).reshape(-1)
+        x = internals.point_rows(model.points.x)
+        layer = x[:, 2] > x[:, 2].max() - 1e-6
+        values = np.log10(np.maximum(miss[layer] / np.abs(goal).max(), 1e-12))
+        shades = axis.scatter(x[layer, 0], x[layer, 1], c=values, vmin=-12, vmax=0, s=22, marker="s", rasterized=True)
+        axis.set_title(correction.replace("_a", " A"), fontsize="medium")
+        axis.set_aspect("equal")
+        axis.set_xlabel("x / l")
+    axes[0].set_ylabel("y / l")
+    figure.colorbar(shades, ax=axes, label="log10(miss / largest target)", shrink=0.9, aspect=12)
+    figure.savefig(path / "fitted_residual.svg", metadata={"Date": None})
+    plt.close(figure)
+
+
+def draw_bar(path):
+    """Axial displacement minus the exact one along the coupled bar, paper's method and exact coupling."""
+    figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
+    for name, label, colour in (
+        ("bar_tension.toml", "appendix A, reading B", "tab:red"),
+        ("bar_exact.toml", "fitted, exact coupling", "tab:blue"),
+    ):
+        scene = internals.read_deck(JOBS / name, BAR)
+        found = internals.assemble(scene)
+        solve = internals.make_solver(scene, found.discretization, found.forces, found.load, lambda text: None)
+        (row,) = internals.follow_load_program(scene, solve, None, found.state, found.load)
+        fields = internals.gather_fields(found.discretization, found.forces, found.state.u)
+        bar = internals.measure_bar(scene, found.discretization, fields, scene.probes[0], row.load_factor)
+        error = 100.0 * (bar.displacement - bar.exact) / bar.exact.max()
+        axes.plot(bar.coordinate, error, ".-", color=colour, label=label)
+    axes.axvline(0.0, color="0.7", lw=0.8)
+    axes.set_xlabel("x / in")
+    axes.set_ylabel("error of u_x, % of the end's")
+    axes.set_title("elements (left) coupled to peridynamics (right), 20 + 20 cells", fontsize="medium")
+    axes.legend(frameon=False)
+    figure.savefig(path / "fitted_bar.svg", metadata={"Date": None})
+    plt.close(figure)
+
+
+def make_plate(path, full, ranks):
+    """Run what is left of the plate's decks, draw its figure, print its stations; the exit code."""
+    series = plate.make_series(full)
+    runs = RUNS / "fitted_figures" / ("full" if full else "coarse")
+    for item in series:
+        code = run_series(item, runs / item.name, ranks, dry_run=False)
+        if code:
+            return code
+    lines = plate.read_lines(series, runs)
+    plate.draw_plate(path / "fitted_plate.svg", lines, 0.05 if full else 0.1)
+    print(plate.station_table(lines), end="")
+    return 0
+
+
+def main(words: list[str]) -> int:
+    """Draw all figures into the folder."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--full", action="store_true", help="the plate with the paper's cells")
+    parser.add_argument("--ranks", type=int, default=2, help="ranks of the plate's runs")
+    parser.add_argument("folder", nargs="?", type=Path, help="where figures go")
+    arguments = parser.parse_args(words)
+    path = arguments.folder or (DOCS / "figures" if arguments.full else RUNS / "fitted_figures" / "coarse")
+    path.mkdir(parents=True, exist_ok=True)
+    plt.rcParams["svg.hashsalt"] = "fitted"
+    draw_factors(path)
+    draw_residual(path)
+    draw_bar(path)
+    return make_plate(path, arguments.full, arguments.ranks)
