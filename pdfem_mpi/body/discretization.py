@@ -19,16 +19,12 @@ import numpy as np
 
 from pdfem_mpi.body.fitted_bodies import find_fitted_bodies, same_bonds
 from pdfem_mpi.body.materials import MaterialTable, material_table
-from pdfem_mpi.deck.scene import (
-    PERIDYNAMIC_POISSONS_RATIO,
-    FileMesh,
-    PlateWithHoleMesh,
-    Region,
-    Scene,
-    SceneError,
-    cutoff_problems,
-    show,
-)
+from pdfem_mpi.deck.materials import PERIDYNAMIC_POISSONS_RATIO
+from pdfem_mpi.deck.meshes import FileMesh, PlateWithHoleMesh
+from pdfem_mpi.deck.peridynamics import cutoff_problems
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError, show
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, gauss_positions
 from pdfem_mpi.mesh import generators, named_sets

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.deck.scene import DEFAULT_MATERIAL, Material, Scene
+from pdfem_mpi.deck.materials import DEFAULT_MATERIAL, Material
+from pdfem_mpi.deck.scene import Scene
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,9 @@ from rich.table import Table
 from rich.text import Text
 
 from pdfem_mpi import __version__
-from pdfem_mpi.deck.scene import Scene, SceneError
-from pdfem_mpi.deck.toml import DeckError, parse_deck, read_deck, read_text, write_deck
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import DeckError, SceneError
+from pdfem_mpi.deck.toml import parse_deck, read_deck, read_text, write_deck
 from pdfem_mpi.system import launcher as launch
 from pdfem_mpi.system.limits import shared_memory_problem
 from pdfem_mpi.system.signals import Requests

@@ -21,8 +21,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pdfem_mpi.deck.scene import Scene, show
-from pdfem_mpi.deck.toml import DeckError, dimension_of, parse_deck, read_text, write_deck
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import DeckError, show
+from pdfem_mpi.deck.toml import dimension_of, parse_deck, read_text, write_deck
 from pdfem_mpi.results.labels import attempt
 from pdfem_mpi.results.ownership import refuse_study
 from pdfem_mpi.results.study import Series, draw_study, write_table

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pdfem_mpi.deck.scene import LONGEST_NAME, Problem, show
+from pdfem_mpi.deck.table import LONGEST_NAME, Problem, show
 
 #: Products of three such numbers, such as a volume, are still finite.
 LARGEST = 1e100

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.deck.scene import BarProbe, Scene
+from pdfem_mpi.deck.outputs import BarProbe
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.hex8 import gauss_volumes
 from pdfem_mpi.measure.fields import Fields, point_positions
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pdfem_mpi.deck.scene import Vector, polygon_normal
+from pdfem_mpi.deck.peridynamics import polygon_normal
+from pdfem_mpi.deck.table import Vector
 
 
 def cross_polygon(polygon: Sequence[Vector], start: np.ndarray, stop: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pdfem_mpi.deck.scene import SceneError
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh, equal_rows
 from pdfem_mpi.mesh.quality import measure
 

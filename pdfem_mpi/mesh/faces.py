@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from pdfem_mpi.deck.scene import SceneError
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh
 
 #: Bad faces that a message lists.

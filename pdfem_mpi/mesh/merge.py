@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pdfem_mpi.deck.scene import SceneError, show
+from pdfem_mpi.deck.table import SceneError, show
 from pdfem_mpi.mesh.hexmesh import HexMesh
 
 #: A length of ``mesh.merge`` above this fraction of the shortest edge could flatten cells.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdfem_mpi.deck.scene import SceneError, did_you_mean, show
+from pdfem_mpi.deck.table import SceneError, did_you_mean, show
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh, equal_rows
 
 #: Kinds that serve each purpose, in order of preference; in words for messages.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.deck.scene import SceneError
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_volumes
 from pdfem_mpi.mesh.hexmesh import HexMesh
 

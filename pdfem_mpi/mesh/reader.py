@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pdfem_mpi.deck.scene import MESH_SUFFIXES, FileMesh, SceneError, did_you_mean
+from pdfem_mpi.deck.meshes import MESH_SUFFIXES, FileMesh
+from pdfem_mpi.deck.table import SceneError, did_you_mean
 from pdfem_mpi.mesh.abaqus import read_abaqus
 from pdfem_mpi.mesh.exodus import read_exodus
 from pdfem_mpi.mesh.gmsh import read_gmsh

@@ -13,7 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.deck.scene import BodyForce, Scene, SceneError, Traction
+from pdfem_mpi.deck.loads import BodyForce, Traction
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_volumes
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mesh import named_sets

@@ -12,7 +12,8 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization, ModelUnits
 from pdfem_mpi.body.share import Subdomain, cut_out, partition
-from pdfem_mpi.deck.scene import Scene, polygon_normal
+from pdfem_mpi.deck.peridynamics import polygon_normal
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.finite_elements import (
     element_masses,
     element_stiffness,

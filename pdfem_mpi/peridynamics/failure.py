@@ -19,7 +19,9 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.materials import bond_stretches
-from pdfem_mpi.deck.scene import Region, Scene, SceneError
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels import failure
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry, value
 from pdfem_mpi.kernels.families import CUTOFF_GUARD

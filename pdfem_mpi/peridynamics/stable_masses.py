@@ -21,7 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.deck.scene import Ramp, Scene
+from pdfem_mpi.deck.programs import Ramp
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.kernels.weighted_blocks import add_weighted_blocks, stiffness_bounds
 from pdfem_mpi.parallel.comm import largest, sum_integers

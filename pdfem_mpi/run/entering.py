@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
 
-from pdfem_mpi.deck.scene import SceneError
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.deck.toml import read_deck, write_deck
 from pdfem_mpi.results.ownership import DECK, Written, free_name, refuse_deck, refuse_folder
 from pdfem_mpi.results.starts import Starts

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.deck.scene import Scene, show
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import show
 
 #: Keys that say nothing about the states a run goes through. A name stands for its table's keys too.
 FREE = ("title", "units", "probes", "output", "checkpoint")

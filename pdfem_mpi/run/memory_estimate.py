@@ -18,7 +18,9 @@ from scipy.spatial import cKDTree
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.share import Subdomain, cut_out, near_images, partition
-from pdfem_mpi.deck.scene import FileMesh, Scene, SceneError
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.parallel.comm import agree, largest, node_communicator, sum_integers
 from pdfem_mpi.system.limits import Limit, group_limit, own_limit

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.deck.scene import Events, Ramp, Scene, Steps
+from pdfem_mpi.deck.programs import Events, Ramp, Steps
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
 from pdfem_mpi.model.model import Model

@@ -19,7 +19,11 @@ import numpy as np
 
 from pdfem_mpi import __version__
 from pdfem_mpi.body.discretization import Discretization, ModelUnits, describe_cracked_overlap, discretize, make_mesh
-from pdfem_mpi.deck.scene import BarProbe, DisplacementProbe, FileMesh, LineProbe, Scene, SceneError, Steps
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.outputs import BarProbe, DisplacementProbe, LineProbe
+from pdfem_mpi.deck.programs import Steps
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.bar import Bar, bar_results, measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import Fields, digest_fields, fields_sha256, gather_damage, gather_fields, point_positions

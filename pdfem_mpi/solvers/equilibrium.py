@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.deck.programs import Solver as Settings
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.deck.scene import Solver as Settings
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
 from pdfem_mpi.model.model import with_stable_masses

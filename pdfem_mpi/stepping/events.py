@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from pdfem_mpi.deck.scene import Events
+from pdfem_mpi.deck.programs import Events
 from pdfem_mpi.model.forces import Forces, NotFinite
 from pdfem_mpi.model.loads import LoadCase, remove_rigid_motion, without_loads_on_loose_parts
 from pdfem_mpi.model.parts import NAMED, describe_motion

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from pdfem_mpi.deck.scene import Events, Ramp, Scene
+from pdfem_mpi.deck.programs import Events, Ramp
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.strains import measure_elements
 from pdfem_mpi.model.forces import NotFinite
 from pdfem_mpi.model.loads import LoadCase

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from pdfem_mpi.deck.scene import Ramp
+from pdfem_mpi.deck.programs import Ramp
 from pdfem_mpi.model.loads import LoadCase, without_loads_on_loose_parts
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.sums import exact_dots

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from pdfem_mpi.deck.scene import Steps
+from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.model.loads import LoadCase, remove_rigid_motion
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.parts import find_loose, find_parts, without_equilibrium

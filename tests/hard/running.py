@@ -9,8 +9,7 @@ from unittest.mock import patch
 from hard.rotations import run_check
 from hard.suite import BAD_DECK, Outcome, deck_text, read_outcome, read_scene
 
-from pdfem_mpi.deck.scene import SceneError
-from pdfem_mpi.deck.toml import DeckError
+from pdfem_mpi.deck.table import DeckError, SceneError
 from pdfem_mpi.run.run import run
 from support.reporters import Listener
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Crack, Support
+from pdfem_mpi.deck.loads import Support
+from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.model import model as model_module
 from pdfem_mpi.model.parts import describe_loose, describe_motion, find_loose, find_parts
 from pdfem_mpi.parallel.comm import mpi

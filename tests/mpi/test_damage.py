@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Crack, Output
+from pdfem_mpi.deck.outputs import Output
+from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.measure.fields import gather_damage
 from pdfem_mpi.parallel.comm import broadcast, mpi
 from support.bodies import build, make_scene

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Ramp, Steps
+from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.model import model as model_module
 from pdfem_mpi.parallel.comm import mpi
 from support.bodies import build

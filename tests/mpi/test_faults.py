@@ -12,7 +12,8 @@ import h5py
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Output, Steps
+from pdfem_mpi.deck.outputs import Output
+from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.model.state import FIELDS
 from pdfem_mpi.parallel import slabs as gathering
 from pdfem_mpi.parallel.comm import broadcast, mpi

@@ -4,7 +4,12 @@ from unittest.mock import patch
 
 import pytest
 
-from pdfem_mpi.deck.scene import Crack, Events, Material, Output, Scene, Support
+from pdfem_mpi.deck.loads import Support
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.outputs import Output
+from pdfem_mpi.deck.peridynamics import Crack
+from pdfem_mpi.deck.programs import Events
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.stepping import follow_load_program, make_solver

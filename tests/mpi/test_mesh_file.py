@@ -7,7 +7,9 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import FileMesh, SceneError, Support
+from pdfem_mpi.deck.loads import Support
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.mesh.generators import box
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.parallel.comm import broadcast

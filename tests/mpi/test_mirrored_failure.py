@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Output
+from pdfem_mpi.deck.outputs import Output
 from pdfem_mpi.measure.fields import gather_damage
 from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.peridynamics.damage import Remaining

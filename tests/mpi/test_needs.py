@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from pdfem_mpi.deck.scene import Output
+from pdfem_mpi.deck.outputs import Output
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.run.memory_report import SHARED_OUT

@@ -6,7 +6,11 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import BodyForce, Coupling, Crack, Interface, Material, Region, SceneError, Support
+from pdfem_mpi.deck.loads import BodyForce, Support
+from pdfem_mpi.deck.materials import Interface, Material
+from pdfem_mpi.deck.peridynamics import Coupling, Crack
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.fields import fields_sha256, gather_fields
 from pdfem_mpi.model import model as model_module
 from pdfem_mpi.parallel.comm import broadcast, mpi

@@ -11,7 +11,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import BodyForce, Material, Region, Support, Traction
+from pdfem_mpi.deck.loads import BodyForce, Support, Traction
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.measure.fields import point_positions
 from pdfem_mpi.stepping import make_solver
 from support.bodies import YOUNGS_MODULUS, build, make_scene, run_deck

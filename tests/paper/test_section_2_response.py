@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pdfem_mpi.deck.scene import Material, Output
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.outputs import Output
 from pdfem_mpi.measure.fields import gather_damage, point_positions
 from pdfem_mpi.peridynamics.bonds import BULK_MODULUS, RESPONSE_CONSTANT
 from pdfem_mpi.peridynamics.damage import local_damage

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from unit.kernels.bodies_of_elements import turn
 
-from pdfem_mpi.deck.scene import BodyForce, Output, Steps, Support, Traction
+from pdfem_mpi.deck.loads import BodyForce, Support, Traction
+from pdfem_mpi.deck.outputs import Output
+from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.measure.strains import TOLD, measure_elements
 from pdfem_mpi.parallel.comm import mpi

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import skfem
 
-from pdfem_mpi.deck.scene import PlateWithHoleMesh
+from pdfem_mpi.deck.meshes import PlateWithHoleMesh
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.measure.fields import gather_fields
 from pdfem_mpi.stepping import follow_load_program, make_solver

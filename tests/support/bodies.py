@@ -10,17 +10,13 @@ from unittest.mock import patch
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization, discretize
-from pdfem_mpi.deck.scene import (
-    BodyForce,
-    BoxMesh,
-    Coupling,
-    Material,
-    Peridynamics,
-    Region,
-    Scene,
-    Solver,
-    Traction,
-)
+from pdfem_mpi.deck.loads import BodyForce, Traction
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.meshes import BoxMesh
+from pdfem_mpi.deck.peridynamics import Coupling, Peridynamics
+from pdfem_mpi.deck.programs import Solver
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.measure.fields import Fields, gather_fields, point_positions
 from pdfem_mpi.model.forces import Forces

@@ -15,7 +15,9 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization, discretize
 from pdfem_mpi.body.materials import materials_of
-from pdfem_mpi.deck.scene import BodyForce, FileMesh, Scene
+from pdfem_mpi.deck.loads import BodyForce
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.scene import Scene
 
 CORNERS = np.array([(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)])
 GAUSS = np.array([(r, s, t) for t in (-1, 1) for s in (-1, 1) for r in (-1, 1)]) / math.sqrt(3.0)

@@ -17,7 +17,9 @@ from scipy.spatial import cKDTree
 
 from pdfem_mpi.body.discretization import Discretization, discretize
 from pdfem_mpi.body.materials import materials_of
-from pdfem_mpi.deck.scene import BodyForce, Material, Scene
+from pdfem_mpi.deck.loads import BodyForce
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.mesh.rigid_motions import rigid_motions
 
 CORNERS = np.array([(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)])

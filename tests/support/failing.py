@@ -7,18 +7,13 @@ from itertools import islice
 
 import numpy as np
 
-from pdfem_mpi.deck.scene import (
-    BodyForce,
-    BoxMesh,
-    Crack,
-    Events,
-    Material,
-    Peridynamics,
-    Region,
-    Scene,
-    Solver,
-    Support,
-)
+from pdfem_mpi.deck.loads import BodyForce, Support
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.meshes import BoxMesh
+from pdfem_mpi.deck.peridynamics import Crack, Peridynamics
+from pdfem_mpi.deck.programs import Events, Solver
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.fields import point_positions
 from pdfem_mpi.peridynamics.failure import Failure, make_failure
 from pdfem_mpi.stepping import Report, follow_load_program, make_solver

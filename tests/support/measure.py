@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from pdfem_mpi.deck.scene import Crack, Output
+from pdfem_mpi.deck.outputs import Output
+from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.measure.fields import gather_damage, point_positions
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.peridynamics.bonds import BULK_MODULUS, cut_bonds

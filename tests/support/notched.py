@@ -4,7 +4,13 @@ from itertools import islice
 
 import pytest
 
-from pdfem_mpi.deck.scene import BoxMesh, Crack, Events, Material, Peridynamics, Region, Scene, Solver, Support
+from pdfem_mpi.deck.loads import Support
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.meshes import BoxMesh
+from pdfem_mpi.deck.peridynamics import Crack, Peridynamics
+from pdfem_mpi.deck.programs import Events, Solver
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from support.bodies import build

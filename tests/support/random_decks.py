@@ -13,7 +13,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.deck.scene import Scene, SceneError
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.mesh import generators
 from support.mesh_files import write_mesh
 

@@ -12,7 +12,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from pdfem_mpi.deck.scene import Checkpoint, Crack, Events, Material, Output, Ramp, Scene, Steps, Support
+from pdfem_mpi.deck.loads import Support
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.outputs import Checkpoint, Output
+from pdfem_mpi.deck.peridynamics import Crack
+from pdfem_mpi.deck.programs import Events, Ramp, Steps
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.results.checkpoint import list_checkpoints

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pdfem_mpi.deck.scene import FileMesh, Scene
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.mesh.reader import read_mesh
 from support.mesh_files import write_mesh
 

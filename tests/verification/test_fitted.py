@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.body import discretization
-from pdfem_mpi.deck.scene import Interface, Material, Region, SceneError, Traction
+from pdfem_mpi.deck.loads import Traction
+from pdfem_mpi.deck.materials import Interface, Material
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from pdfem_mpi.deck.scene import Crack, Steps
+from pdfem_mpi.deck.peridynamics import Crack
+from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.toml import parse_deck
 from support.bodies import build
 from support.failing import failing

@@ -9,22 +9,14 @@ import pytest
 from scipy.spatial import cKDTree
 
 from pdfem_mpi.body.discretization import discretize, make_mesh
-from pdfem_mpi.deck.scene import (
-    BarProbe,
-    BodyForce,
-    BoxMesh,
-    Coupling,
-    Crack,
-    LineProbe,
-    Material,
-    Peridynamics,
-    PlateWithHoleMesh,
-    Region,
-    Scene,
-    Solver,
-    Support,
-    Traction,
-)
+from pdfem_mpi.deck.loads import BodyForce, Support, Traction
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.meshes import BoxMesh, PlateWithHoleMesh
+from pdfem_mpi.deck.outputs import BarProbe, LineProbe
+from pdfem_mpi.deck.peridynamics import Coupling, Crack, Peridynamics
+from pdfem_mpi.deck.programs import Solver
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.bar import measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import point_positions

@@ -7,7 +7,8 @@ Oracle: the whole body. A plate with a crack on one mirror plane and across the 
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Output, Region
+from pdfem_mpi.deck.outputs import Output
+from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.measure.fields import gather_damage, point_positions
 from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.solvers.preconditioner.blocks import point_blocks

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Scene, Solver
+from pdfem_mpi.deck.programs import Solver
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.fields import point_positions
 from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.peridynamics.failure import make_failure

@@ -4,7 +4,8 @@ from itertools import pairwise
 
 import pytest
 
-from pdfem_mpi.deck.scene import BodyForce, Crack, Support
+from pdfem_mpi.deck.loads import BodyForce, Support
+from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.stepping import make_solver
 from support.bodies import build, make_scene
 

@@ -8,7 +8,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import BodyForce, Crack, FileMesh, Material, Region, Support
+from pdfem_mpi.deck.loads import BodyForce, Support
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.peridynamics import Crack
+from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.mesh import generators
 from pdfem_mpi.model.model import W
 from pdfem_mpi.peridynamics.bonds import fictitious_masses

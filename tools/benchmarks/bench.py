@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from pdfem_mpi import __version__
-from pdfem_mpi.deck.toml import DeckError, read_deck
+from pdfem_mpi.deck.table import DeckError
+from pdfem_mpi.deck.toml import read_deck
 from pdfem_mpi.system import launcher as launch
 from tools.benchmarks.measuring import (
     GENERAL_BYTES,

@@ -17,7 +17,8 @@ from time import perf_counter, process_time
 import numpy as np
 
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.deck.scene import FileMesh, Scene
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.kernels import finite_elements, peridynamics
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry

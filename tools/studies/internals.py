@@ -10,16 +10,13 @@ import numpy as np
 from pdfem_mpi import __version__
 from pdfem_mpi.body.discretization import Discretization, discretize
 from pdfem_mpi.command import study
-from pdfem_mpi.deck.scene import (
-    Events,
-    FileMesh,
-    Material,
-    Peridynamics,
-    Region,
-    Scene,
-    Solver,
-    Support,
-)
+from pdfem_mpi.deck.loads import Support
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.peridynamics import Peridynamics
+from pdfem_mpi.deck.programs import Events, Solver
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import parse_deck, read_deck, write_deck
 from pdfem_mpi.kernels import failure as failure_kernels
 from pdfem_mpi.kernels.exact_sums import add_products

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.deck.scene import Peridynamics, Region, SceneError
+from pdfem_mpi.deck.peridynamics import Peridynamics
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.table import SceneError
 from support.bodies import make_scene
 
 CELLS = 6, 2, 1

@@ -6,7 +6,10 @@ import pytest
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.fitted_bodies import same_bonds
 from pdfem_mpi.body.materials import material_table
-from pdfem_mpi.deck.scene import Crack, Interface, Material, Region, SceneError
+from pdfem_mpi.deck.materials import Interface, Material
+from pdfem_mpi.deck.peridynamics import Crack
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.table import SceneError
 from support.bodies import make_scene
 
 SOFT = {"soft": Material(youngs_modulus=100.0)}

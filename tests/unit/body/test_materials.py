@@ -5,8 +5,12 @@ import pytest
 
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.materials import bond_materials, bond_stretches, material_table
-from pdfem_mpi.deck.scene import BarProbe, Interface, Material, Region, SceneError, Support
-from pdfem_mpi.deck.toml import DeckError, parse_deck, write_deck
+from pdfem_mpi.deck.loads import Support
+from pdfem_mpi.deck.materials import Interface, Material
+from pdfem_mpi.deck.outputs import BarProbe
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.table import DeckError, SceneError
+from pdfem_mpi.deck.toml import parse_deck, write_deck
 from pdfem_mpi.kernels.surface_correction import INFINITE_RESPONSE
 from pdfem_mpi.measure.bar import bar_results, measure_bar
 from pdfem_mpi.model import model as model_module

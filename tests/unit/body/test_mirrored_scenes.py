@@ -6,8 +6,12 @@ import pytest
 from pdfem_mpi.body import share as subdomain_module
 from pdfem_mpi.body.discretization import discretize, make_mesh
 from pdfem_mpi.body.share import cut_out, partition
-from pdfem_mpi.deck.scene import Crack, FileMesh, Region, SceneError, Support, Traction
-from pdfem_mpi.deck.toml import DeckError, parse_deck
+from pdfem_mpi.deck.loads import Support, Traction
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.peridynamics import Crack
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.table import DeckError, SceneError
+from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import build_model

@@ -6,7 +6,7 @@ from scipy.spatial.distance import cdist
 
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.share import cut_out, partition
-from pdfem_mpi.deck.scene import SceneError
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from support.bodies import make_scene
 

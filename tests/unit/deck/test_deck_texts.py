@@ -5,7 +5,8 @@ import shutil
 
 import pytest
 
-from pdfem_mpi.deck.scene import BarProbe, LineProbe, Output, Units
+from pdfem_mpi.deck.outputs import BarProbe, LineProbe, Output
+from pdfem_mpi.deck.table import Units
 from pdfem_mpi.deck.toml import parse_deck, write_deck
 from pdfem_mpi.results import plots
 from pdfem_mpi.results.labels import MOST, as_it_is, attempt
@@ -107,7 +108,7 @@ def test_a_folder_for_figures_that_cannot_be_made_is_a_warning(tmp_path, monkeyp
 @pytest.mark.slow
 def test_a_damaged_history_is_no_traceback_of_plot(tmp_path):
     (tmp_path / "deck.toml").write_text(write_deck(small()), encoding="utf-8")
-    (tmp_path / "history.csv").write_text("step,event,broken_bonds\n1,step,x7\n")
+    (tmp_path / "history.csv").write_text("step,event,load_factor,broken_bonds\n1,step,1.0,x7\n")
     result = run_pdfem("plot", tmp_path)
     assert result.returncode == 65 and "history.csv or points.vtkhdf is damaged" in result.stderr
 

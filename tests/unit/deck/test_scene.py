@@ -1,32 +1,20 @@
 """The models of a deck: defaults, derived numbers, and checks that need no mesh."""
 
 import dataclasses
+from unittest.mock import patch
 
 import pytest
 from pydantic import ValidationError
 
-from pdfem_mpi.deck.scene import (
-    BarProbe,
-    BodyForce,
-    BoxMesh,
-    Coupling,
-    DisplacementProbe,
-    FileMesh,
-    LineProbe,
-    Material,
-    Peridynamics,
-    PlateWithHoleMesh,
-    Region,
-    Scene,
-    SceneError,
-    Steps,
-    Support,
-    Table,
-    Traction,
-    did_you_mean,
-    nearest_fitting_spacing,
-    show,
-)
+from pdfem_mpi.deck.loads import BodyForce, Support, Traction
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.meshes import BoxMesh, FileMesh, PlateWithHoleMesh, nearest_fitting_spacing
+from pdfem_mpi.deck.outputs import BarProbe, DisplacementProbe, LineProbe
+from pdfem_mpi.deck.peridynamics import Coupling, Peridynamics
+from pdfem_mpi.deck.programs import Steps
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.scene import Scene, find_problems
+from pdfem_mpi.deck.table import Absent, FieldMissing, Problem, SceneError, Table, did_you_mean, show
 
 BAR = {"lower": (-5.0, -0.2, -0.2), "upper": (5.0, 0.2, 0.2)}
 ELEMENTS = Region(name="elements", model="finite_elements")
@@ -442,3 +430,27 @@ def test_fitted_factors_need_the_whole_body():
     found = only_problem(lambda: scene(mesh=mesh, regions=(BONDS,), peridynamics=FITTED))
     assert found.key == "mesh.symmetry"
     assert "whole body" in found.text
+
+
+def test_a_misspelt_name_in_a_check_shows():
+    """A check that reads what no table has is a mistake of the program; it was switched off without a word before."""
+
+    def misspelt(mesh):
+        return [] if mesh.spacign else []
+
+    tables = {"mesh": BoxMesh(kind="box", lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 1.0), spacing=0.5)}
+    with patch("pdfem_mpi.deck.scene.CHECKS", ((("mesh",), misspelt),)), pytest.raises(AttributeError, match="spacign"):
+        find_problems(tables)
+
+
+def test_a_check_is_skipped_where_a_field_it_reads_is_missing():
+    """Of a table that was made without a key, and of an item that is no table."""
+
+    def reads(mesh, loads):
+        return [Problem("mesh.spacing", f"{mesh.spacing} {loads[0].face}")]
+
+    mesh = BoxMesh.model_construct(kind="box")
+    with patch("pdfem_mpi.deck.scene.CHECKS", ((("mesh", "loads"), reads),)):
+        assert find_problems({"mesh": mesh, "loads": (Absent(),)}) == []
+    with pytest.raises(FieldMissing):
+        _ = mesh.spacing

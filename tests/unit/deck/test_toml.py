@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from pdfem_mpi.deck.scene import BoxMesh, PlateWithHoleMesh
-from pdfem_mpi.deck.toml import DeckError, dimension_of, parse_deck, parse_overrides, read_deck, write_deck
+from pdfem_mpi.deck.meshes import BoxMesh, PlateWithHoleMesh
+from pdfem_mpi.deck.overrides import parse_overrides
+from pdfem_mpi.deck.table import DeckError
+from pdfem_mpi.deck.toml import dimension_of, parse_deck, read_deck, write_deck
 
 JOBS = Path(__file__).resolve().parents[3] / "jobs"
 DECKS = sorted(JOBS.glob("*.toml"))

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Crack, polygon_normal
+from pdfem_mpi.deck.peridynamics import Crack, polygon_normal
 from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.peridynamics.bonds import cut_bonds, total_bonds
 from support.bodies import build, make_scene

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.deck.scene import LineProbe, PlateWithHoleMesh
+from pdfem_mpi.deck.meshes import PlateWithHoleMesh
+from pdfem_mpi.deck.outputs import LineProbe
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.line import measure_line
 from pdfem_mpi.results.lines import COLUMNS, write_line

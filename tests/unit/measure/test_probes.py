@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.deck.scene import BarProbe, LineProbe, Material, Region
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.outputs import BarProbe, LineProbe
+from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.measure.bar import bar_results, measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import Fields

@@ -14,7 +14,10 @@ import netCDF4
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import BodyForce, FileMesh, Region, SceneError, Support, Traction
+from pdfem_mpi.deck.loads import BodyForce, Support, Traction
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.mesh.generators import box
 from pdfem_mpi.mesh.reader import read_mesh

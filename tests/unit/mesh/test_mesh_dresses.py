@@ -5,7 +5,10 @@ import re
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import BodyForce, FileMesh, Region, SceneError, Support, Traction
+from pdfem_mpi.deck.loads import BodyForce, Support, Traction
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.fields import fields_sha256
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from support.bodies import Silence, build, make_scene

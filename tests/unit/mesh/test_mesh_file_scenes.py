@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import BodyForce, BoxMesh, FileMesh, PlateWithHoleMesh, Region, SceneError, Support, Traction
+from pdfem_mpi.deck.loads import BodyForce, Support, Traction
+from pdfem_mpi.deck.meshes import BoxMesh, FileMesh, PlateWithHoleMesh
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.fields import fields_sha256, point_positions
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh

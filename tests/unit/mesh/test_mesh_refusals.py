@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.body.discretization import discretize, make_mesh
-from pdfem_mpi.deck.scene import BodyForce, FileMesh, Region, SceneError, Support
+from pdfem_mpi.deck.loads import BodyForce, Support
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.mesh.defects import find_defects
 from pdfem_mpi.mesh.generators import box
 from pdfem_mpi.mesh.hexmesh import HexMesh

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.body.discretization import discretize, make_mesh
-from pdfem_mpi.deck.scene import FileMesh, SceneError
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.mesh.generators import box
 from pdfem_mpi.mesh.hexmesh import HexMesh

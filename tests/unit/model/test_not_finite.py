@@ -7,7 +7,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Solver
+from pdfem_mpi.deck.programs import Solver
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.model.forces import NotFinite
 from pdfem_mpi.model.unknowns import cluster_layout, point_rows

@@ -8,7 +8,10 @@ import pytest
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from pdfem_mpi.deck.scene import BodyForce, Crack, Output, SceneError, Support
+from pdfem_mpi.deck.loads import BodyForce, Support
+from pdfem_mpi.deck.outputs import Output
+from pdfem_mpi.deck.peridynamics import Crack
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.mesh import generators
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import parts as components

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Checkpoint
+from pdfem_mpi.deck.outputs import Checkpoint
 from pdfem_mpi.parallel import stop_requests as pausing
 from pdfem_mpi.parallel import watchdog
 from pdfem_mpi.parallel.comm import broadcast, largest, mpi, on_root, sum_integers

@@ -4,8 +4,11 @@ import h5py
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Crack, Material, Output
-from pdfem_mpi.deck.toml import DeckError, parse_deck
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.outputs import Output
+from pdfem_mpi.deck.peridynamics import Crack
+from pdfem_mpi.deck.table import DeckError
+from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.measure.fields import gather_damage
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.peridynamics.damage import Remaining

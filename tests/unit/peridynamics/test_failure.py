@@ -8,8 +8,11 @@ import pytest
 from scipy.integrate import quad
 
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.deck.scene import Coupling, Material, Peridynamics, Region
-from pdfem_mpi.deck.toml import DeckError, parse_deck
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.peridynamics import Coupling, Peridynamics
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.table import DeckError
+from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.kernels.exact_sums import BITS
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.peridynamics import failure as failure_module

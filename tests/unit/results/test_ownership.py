@@ -9,8 +9,10 @@ import sys
 import pytest
 
 from pdfem_mpi.command.study import StudyError, check_folder
-from pdfem_mpi.deck.scene import LineProbe, Output, SceneError, Steps
-from pdfem_mpi.deck.toml import DeckError, read_deck, write_deck
+from pdfem_mpi.deck.outputs import LineProbe, Output
+from pdfem_mpi.deck.programs import Steps
+from pdfem_mpi.deck.table import DeckError, SceneError
+from pdfem_mpi.deck.toml import read_deck, write_deck
 from pdfem_mpi.results.ownership import RECORD, Written, is_run, refuse_deck, refuse_folder, refuse_study
 from pdfem_mpi.run.restart import AUTO
 from pdfem_mpi.system.files import replacing

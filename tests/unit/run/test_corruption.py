@@ -8,8 +8,9 @@ import h5py
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Checkpoint, DisplacementProbe, LineProbe, Output
-from pdfem_mpi.deck.toml import DeckError, read_deck
+from pdfem_mpi.deck.outputs import Checkpoint, DisplacementProbe, LineProbe, Output
+from pdfem_mpi.deck.table import DeckError
+from pdfem_mpi.deck.toml import read_deck
 from pdfem_mpi.results import checkpoint
 from pdfem_mpi.results.checkpoint import Invalid, check, list_checkpoints
 from pdfem_mpi.results.guarded import guarded

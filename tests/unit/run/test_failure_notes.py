@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.body.discretization import describe_cracked_overlap, discretize
-from pdfem_mpi.deck.scene import BoxMesh, Crack, Material, Peridynamics, Region, Units
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.meshes import BoxMesh
+from pdfem_mpi.deck.peridynamics import Crack, Peridynamics
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.table import Units
 from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.run.failure_notes import criteria, describe_criterion, failure_summary
 from support.bodies import bond_list, box_regions, build, make_scene

@@ -3,7 +3,10 @@
 import pytest
 
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.deck.scene import Crack, LineProbe, Output, Solver, Steps, Support
+from pdfem_mpi.deck.loads import Support
+from pdfem_mpi.deck.outputs import LineProbe, Output
+from pdfem_mpi.deck.peridynamics import Crack
+from pdfem_mpi.deck.programs import Solver, Steps
 from pdfem_mpi.run.identity import (
     ELEMENTS,
     ELEMENTS_BESIDE_BONDS,

@@ -16,7 +16,8 @@ import numpy as np
 import psutil
 import pytest
 
-from pdfem_mpi.deck.scene import Checkpoint, Output, Steps
+from pdfem_mpi.deck.outputs import Checkpoint, Output
+from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.system.signals import Requests
 from support.helpers import ROOT, outside_launcher

@@ -9,7 +9,12 @@ import pytest
 
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.share import cut_out, partition
-from pdfem_mpi.deck.scene import FileMesh, Material, Region, Scene, SceneError, Support
+from pdfem_mpi.deck.loads import Support
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.model.model import build_model
 from pdfem_mpi.parallel.comm import mpi

@@ -7,7 +7,9 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import DisplacementProbe, Material, Output, Steps
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.outputs import DisplacementProbe, Output
+from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.measure.fields import digest_fields, fields_sha256

@@ -9,7 +9,9 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Checkpoint, DisplacementProbe, Material, Output, Steps
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.outputs import Checkpoint, DisplacementProbe, Output
+from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.results import checkpoint, vtkhdf
 from pdfem_mpi.results.checkpoint import check, list_checkpoints
 from pdfem_mpi.system import faults

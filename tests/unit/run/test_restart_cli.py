@@ -11,7 +11,8 @@ import numpy as np
 import psutil
 import pytest
 
-from pdfem_mpi.deck.scene import Output, Steps
+from pdfem_mpi.deck.outputs import Output
+from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.results.checkpoint import check, list_checkpoints
 from pdfem_mpi.system import faults

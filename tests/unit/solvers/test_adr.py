@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import BodyForce, Support
+from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.model.forces import NotFinite
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.adr import LARGEST_DAMPING, damping_coefficient

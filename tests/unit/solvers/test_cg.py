@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import BodyForce, Crack, Support
+from pdfem_mpi.deck.loads import BodyForce, Support
+from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import BodyForce, Support
+from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.energy_error import Coefficients
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import BodyForce, Events, Steps, Support
+from pdfem_mpi.deck.loads import BodyForce, Support
+from pdfem_mpi.deck.programs import Events, Steps
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.stepping import events
 from pdfem_mpi.stepping.arrest import LEFT, MOST_DRIFT

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Ramp
+from pdfem_mpi.deck.programs import Ramp
 from support.failing import DEAD, failing, followed, numbers, strip
 
 SLOW = 2e-4  # of the load factor an iteration: first breaks come after 1,800 iterations, the strip rings in 50

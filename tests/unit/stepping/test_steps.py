@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import Steps
+from pdfem_mpi.deck.programs import Steps
 from support.failing import followed, strip
 
 OVERSHOOT = 1.02

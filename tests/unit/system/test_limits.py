@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.deck.scene import SceneError
-from pdfem_mpi.deck.toml import MOST_PROBLEMS, DeckError, parse_deck, read_deck
+from pdfem_mpi.deck.table import DeckError, SceneError
+from pdfem_mpi.deck.toml import MOST_PROBLEMS, parse_deck, read_deck
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.run import memory_estimate as memory

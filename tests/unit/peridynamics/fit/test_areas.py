@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import SceneError
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions, gauss_volumes
 from pdfem_mpi.mesh.faces import match_faces, refuse_pieces
 from pdfem_mpi.mesh.generators import box, plate_with_hole

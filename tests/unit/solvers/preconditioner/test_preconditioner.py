@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.scene import BodyForce, Support
+from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.model.loads import rigid_modes
 from pdfem_mpi.model.model import build_intact_elements
 from pdfem_mpi.solvers.preconditioner import coarse_grid as grid

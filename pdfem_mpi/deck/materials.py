@@ -1,0 +1,178 @@
+"""What the body is made of: deck tables ``[material]``, ``[materials.NAME]`` and ``[[interfaces]]``."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from pydantic import BaseModel
+
+from pdfem_mpi.deck.table import LONGEST_NAME, MOST_HINTS, Problem, Table, did_you_mean, key, show
+
+DEFAULT_MATERIAL = "default"  # what regions and interfaces call the table [material]
+MOST_CONTRAST = 1e5  # of Young's moduli: at 1e6 residuals of elements stop at 2e-6, above the tolerance in use
+PERIDYNAMIC_POISSONS_RATIO = 0.25  # central bond forces in an isotropic solid admit no other value
+
+
+def _failure_problems(table: BaseModel) -> list[Problem]:
+    if table.critical_stretch is None or table.fracture_energy is None:
+        return []
+    return [Problem("critical_stretch", "and fracture_energy are both given, and each gives the other. Keep one.")]
+
+
+class Material(Table):
+    """Isotropic elastic material (sec. 2.1); deck tables ``[material]`` and, for further ones, ``[materials.NAME]``.
+
+    Attributes
+    ----------
+    youngs_modulus : float, > 0, dimension force / length^2
+    poissons_ratio : float, above -1 and below 0.5, dimension 1
+        1/4 wherever the material has bonds (peridynamic regions, overlap): central forces admit no other value.
+    critical_stretch : float or None, > 0, dimension 1
+        ``s_0`` of eq. (4): bonds beyond it break.
+    fracture_energy : float or None, > 0, dimension force / length
+        ``G_c``, which gives ``s_0`` by the bonds that a plane cuts. At most one of the two; None (default): no failure.
+
+    Examples
+    --------
+    >>> Material(youngs_modulus=1.0e7).bulk_modulus
+    6666666.666666667
+    """
+
+    youngs_modulus: float = key(
+        gt=0, dimension="force / length^2", remedy="Give Young's modulus, for example 1.0e7."
+    )
+    poissons_ratio: float = key(PERIDYNAMIC_POISSONS_RATIO, gt=-1, lt=0.5, dimension="1")
+    critical_stretch: float | None = key(None, gt=0, dimension="1")
+    fracture_energy: float | None = key(None, gt=0, dimension="force / length")
+
+    def problems(self) -> list[Problem]:
+        """At most one of critical stretch and fracture energy."""
+        return _failure_problems(self)
+
+    @property
+    def can_fail(self) -> bool:
+        """Whether bonds of this material break."""
+        return self.critical_stretch is not None or self.fracture_energy is not None
+
+    def stretch_at_failure(self, internal_length: float, cutoff_ratio: float) -> float | None:
+        """The critical stretch, given or from the fracture energy; None without failure.
+
+        ``G_c = (pi / 2) c s_0^2 int_0^rc xi^4 exp(-(xi / l)^2) dxi = (27 sqrt(pi) / 16) k l s_0^2 share(r_c / l)``: the
+        energy of all bonds that a plane through the bulk cuts (Silling's integral with the response of eq. 2).
+
+        Parameters
+        ----------
+        internal_length : float, dimension length
+        cutoff_ratio : float
+            ``r_c / l``.
+        """
+        if self.fracture_energy is None:
+            return self.critical_stretch
+        return math.sqrt(self.fracture_energy / self.energy_at_failure(1.0, internal_length, cutoff_ratio))
+
+    def energy_at_failure(self, critical_stretch: float, internal_length: float, cutoff_ratio: float) -> float:
+        """The fracture energy of the bulk whose bonds break at a stretch; dimension force / length."""
+        a = min(cutoff_ratio, 30.0)  # the share is 1 from 6 on, and powers of large ratios are not finite
+        share = math.erf(a) - 2.0 / math.sqrt(math.pi) * math.exp(-a * a) * (2.0 / 3.0 * a**3 + a)
+        whole = 27.0 * math.sqrt(math.pi) / 16.0 * self.bulk_modulus * internal_length
+        return whole * share * critical_stretch**2
+
+    @property
+    def bulk_modulus(self) -> float:
+        """``k = E / (3 (1 - 2 nu))``, dimension force / length^2."""
+        return self.youngs_modulus / (3.0 * (1.0 - 2.0 * self.poissons_ratio))
+
+
+class Interface(Table):
+    """What holds for the bonds between two materials (sec. 2.1, Fig. 6); deck tables ``[[interfaces]]``.
+
+    What is not given here is that of the material with the smaller bulk modulus.
+
+    Attributes
+    ----------
+    between : two texts
+        Names of the materials, in any order; "default" is the table [material].
+    youngs_modulus : float or None, > 0, dimension force / length^2
+    critical_stretch : float or None, > 0, dimension 1
+    fracture_energy : float or None, > 0, dimension force / length
+        At most one of the last two.
+    """
+
+    between: tuple[str, ...] = key(remedy='Name the two materials, for example ["default", "steel"].')
+    youngs_modulus: float | None = key(None, gt=0, dimension="force / length^2")
+    critical_stretch: float | None = key(None, gt=0, dimension="1")
+    fracture_energy: float | None = key(None, gt=0, dimension="force / length")
+
+    def problems(self) -> list[Problem]:
+        """Two different names, and something given."""
+        problems = _failure_problems(self)
+        if len(self.between) != 2 or self.between[0] == self.between[1]:
+            problems.append(
+                Problem("between", f"= {show(self.between)} must name two different materials. Correct it.")
+            )
+        if self.youngs_modulus is None and not self.can_fail:
+            problems.append(
+                Problem("", "changes nothing. Give youngs_modulus, critical_stretch or fracture_energy, or remove it.")
+            )
+        return problems
+
+    @property
+    def can_fail(self) -> bool:
+        """Whether it says when bonds break."""
+        return self.critical_stretch is not None or self.fracture_energy is not None
+
+
+def all_materials(material: Material, materials: dict[str, Material]) -> dict[str, tuple[str, Material]]:
+    """Key in the deck and table of every material, by name."""
+    return {DEFAULT_MATERIAL: ("material", material)} | {
+        name: (f"materials.{name}", table) for name, table in materials.items()
+    }
+
+
+def check_material_names(materials: dict[str, Material]) -> list[Problem]:
+    problems = []
+    for name in materials:
+        if name == DEFAULT_MATERIAL:
+            problems.append(Problem(f"materials.{name}", "is the name of the table [material]. Choose another name."))
+        elif len(name) > LONGEST_NAME:
+            text = f"is longer than {LONGEST_NAME} characters. Shorten it."
+            problems.append(Problem(f"materials.{show(name)}", text))
+        elif not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+            problems.append(
+                Problem(f"materials.{show(name)}", "is not a name. Use letters, digits, - and _ only.")
+            )
+    return problems
+
+
+def check_contrast(
+    material: Material, materials: dict[str, Material], interfaces: Sequence[Interface]
+) -> list[Problem]:
+    """Residuals of all materials are weighed together, and stop at the round-off of the stiffest."""
+    moduli = {where: table.youngs_modulus for where, table in all_materials(material, materials).values()}
+    moduli |= {f"interfaces.{k}": i.youngs_modulus for k, i in enumerate(interfaces) if i.youngs_modulus is not None}
+    stiffest, softest = max(moduli, key=moduli.get), min(moduli, key=moduli.get)
+    contrast = moduli[stiffest] / moduli[softest]
+    if contrast <= MOST_CONTRAST * (1.0 + 1e-9):
+        return []
+    return [
+        Problem(
+            f"{softest}.youngs_modulus",
+            f"= {show(moduli[softest])} is {contrast:.3g} times below {stiffest}.youngs_modulus = "
+            f"{show(moduli[stiffest])}: round-off of the stiff would hide the soft. Keep them within "
+            f"{MOST_CONTRAST:g}; leave out what carries nothing, and support what does not give.",
+        )
+    ]
+
+
+def unknown_names(uses: Iterable[tuple[str, str]], tables: dict[str, Any]) -> list[Problem]:
+    problems = []
+    for where, name in uses:
+        if name not in tables:
+            hint = did_you_mean(name, tables) if len(problems) < MOST_HINTS else ""
+            remedy = hint or f" The materials are {', '.join(itertools.islice(tables, MOST_HINTS))}."
+            problems.append(Problem(where, f"has {show(name)}, which is not the name of a material.{remedy}"))
+    return problems
