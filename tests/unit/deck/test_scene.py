@@ -436,7 +436,7 @@ def test_a_misspelt_name_in_a_check_shows():
     """A check that reads what no table has is a mistake of the program; it was switched off without a word before."""
 
     def misspelt(mesh):
-        return [] if mesh.spacign else []
+        return [Problem("mesh", "")] if mesh.spacign else []
 
     tables = {"mesh": BoxMesh(kind="box", lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 1.0), spacing=0.5)}
     with patch("pdfem_mpi.deck.scene.CHECKS", ((("mesh",), misspelt),)), pytest.raises(AttributeError, match="spacign"):
