@@ -384,11 +384,11 @@ def _run(deck, ranks, overrides, folder, overwrite, max_hours, ways) -> int:
     comm = _start_world(ranks)
     requests.comm = comm
     scene = _read_scene(deck, overrides, comm)
-    from pdfem_mpi.run.run import Refused, Ways
+    from pdfem_mpi.run.run import Refused, RunOptions
     from pdfem_mpi.run.run import run as run_scene
 
     try:
-        ways = Ways(**ways, end=end, watched=True, requests=requests)
+        ways = RunOptions(**ways, end=end, watched=True, requests=requests)
         return run_scene(scene, comm, folder, write_deck(scene), overwrite, ConsoleReporter(), ways)
     except SceneError as error:
         raise _fail([f"{deck}: {message}" for message in error.messages], comm.rank) from None
@@ -425,7 +425,7 @@ def check(deck: DeckArgument, overrides: SetOption = None) -> int:
     comm = _start_world(None)
     _let_interrupts_end_all(comm)
     scene = _read_scene(deck, overrides or [], comm)
-    from pdfem_mpi.run.run import check_scene
+    from pdfem_mpi.run.prepare import check_scene
 
     try:
         sizes = check_scene(scene, comm)
@@ -478,7 +478,7 @@ def warmup() -> int:
     """Compile all kernels into the cache, for images and continuous integration."""
     comm = _start_world(None)
     _let_interrupts_end_all(comm)
-    from pdfem_mpi.run.run import warm_up
+    from pdfem_mpi.run.prepare import warm_up
 
     start = time.perf_counter()
     warm_up(comm)

@@ -62,6 +62,11 @@ class Steps(Table):
                 ]
         return []
 
+    @property
+    def n_steps(self) -> int | None:
+        """How many rows there will be."""
+        return len(self.load_factors)
+
 
 class Ramp(Table):
     """The paper's load program (sec. 4.2): the load rises at each relaxation iteration; ``kind = "ramp"``.
@@ -96,6 +101,11 @@ class Ramp(Table):
             )
         ]
 
+    @property
+    def n_steps(self) -> int | None:
+        """How many rows there will be is not known beforehand."""
+        return None
+
 
 class Events(Table):
     """From break to break at exact loads; ``kind = "events"``.
@@ -128,6 +138,11 @@ class Events(Table):
     end_reaction: float = key(0.05, gt=0, lt=1, dimension="1")
     control: Literal["load", "energy"] = key("load")
     report_every: int = key(10, ge=1)
+
+    @property
+    def n_steps(self) -> int | None:
+        """How many rows there will be is not known beforehand."""
+        return None
 
 
 def _steps_by_default(value: Any) -> Any:

@@ -117,3 +117,8 @@ def point_positions(discretization: Discretization) -> np.ndarray:
     """Positions of all collocation points in global order, shape (n_points, 3), deck units."""
     mesh = discretization.mesh
     return gauss_positions(mesh.nodes[mesh.cells[discretization.has_points]]).reshape(-1, 3)
+
+
+def node_positions(discretization: Discretization) -> np.ndarray:
+    """Positions of all nodes of elements in global order, shape (n_nodes, 3), deck units."""
+    return discretization.mesh.nodes[discretization.node_number >= 0]

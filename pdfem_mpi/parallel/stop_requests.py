@@ -66,7 +66,7 @@ class Pauses:
     comm : Intracomm
     requests : Requests
         What signals ask.
-    keeper : Keeper
+    keeper : CheckpointWriter
         Its ``save(state) -> bool`` and ``remember(state)`` are called, collectively.
     settings : scene.Checkpoint
     end : float or None

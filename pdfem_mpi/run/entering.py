@@ -11,7 +11,7 @@ from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.deck.toml import read_deck, write_deck
 from pdfem_mpi.results.ownership import DECK, Written, free_name, refuse_deck, refuse_folder
 from pdfem_mpi.results.starts import Starts
-from pdfem_mpi.run.restart import EXIT_NOT_WRITTEN, EXIT_USAGE, Refused, Ways, choose_start
+from pdfem_mpi.run.start import EXIT_NOT_WRITTEN, EXIT_USAGE, Refused, RunOptions, choose_start
 from pdfem_mpi.system.files import replacing
 from pdfem_mpi.system.lock import Lock, Locked
 
@@ -26,14 +26,14 @@ class Entry:
     deck_text : str
         The deck as it is run.
     overwrite : bool
-    ways : Ways
+    ways : RunOptions
     ranks : int
     started : float
         Time of ``perf_counter`` at which this start began.
 
     Attributes
     ----------
-    start : Start
+    start : RestartPoint
         Where the run begins.
     written : Written
         The files that this program wrote here.
@@ -48,7 +48,7 @@ class Entry:
         The folder cannot be written.
     """
 
-    def __init__(self, out: Path, deck_text: str, overwrite: bool, ways: Ways, ranks: int, started: float):
+    def __init__(self, out: Path, deck_text: str, overwrite: bool, ways: RunOptions, ranks: int, started: float):
         self.out, self.deck_text, self._started = out, deck_text, started
         if refusal := refuse_folder(out) or self._refuse_deck(ways.deck):
             raise Refused(EXIT_USAGE, refusal)

@@ -22,8 +22,8 @@ from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.run.array_bytes import Count
+from pdfem_mpi.run.checkpoints import CheckpointWriter
 from pdfem_mpi.run.memory_estimate import Need, show_bytes
-from pdfem_mpi.run.restart import Keeper
 from pdfem_mpi.solvers.convergence import Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 
@@ -100,7 +100,7 @@ def count_parts(
     forces: Forces,
     failure: Failure | None,
     solve: EquilibriumSolver,
-    keeper: Keeper,
+    keeper: CheckpointWriter,
     output: Any,
 ) -> dict[str, int]:
     """Bytes of this rank's arrays by part; ``output`` is whatever a run keeps for its result files."""

@@ -1,1 +1,1 @@
-"""Ways to equilibrium; each is a function ``solve(forces, state, case, ...) -> Convergence``."""
+"""RunOptions to equilibrium; each is a function ``solve(forces, state, case, ...) -> Convergence``."""

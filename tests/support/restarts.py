@@ -21,8 +21,8 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.results.checkpoint import list_checkpoints
-from pdfem_mpi.run.restart import Refused, Ways
 from pdfem_mpi.run.run import run
+from pdfem_mpi.run.start import Refused, RunOptions
 from support.bodies import YOUNGS_MODULUS, make_scene
 from support.reporters import Listener
 
@@ -86,7 +86,7 @@ def go(scene, comm, out, overwrite=False, reporter=None, **ways):
     """Run in this process, as `pdfem run` does, and return the exit code. Collective."""
     reporter = reporter or Listener()
     try:
-        return run(scene, comm, Path(out), write_deck(scene), overwrite, reporter, Ways(**ways))
+        return run(scene, comm, Path(out), write_deck(scene), overwrite, reporter, RunOptions(**ways))
     except Refused as error:
         reporter.line(str(error))
         return error.code

@@ -47,7 +47,7 @@ def check_scene(scene, comm):
 
 stub = types.ModuleType("pdfem_mpi.run.run")
 stub.run, stub.check_scene, stub.warm_up = run, check_scene, lambda *arguments: None
-stub.Ways, stub.Refused = types.SimpleNamespace, type("Refused", (Exception,), {})
+stub.RunOptions, stub.Refused = types.SimpleNamespace, type("Refused", (Exception,), {})
 sys.modules["pdfem_mpi.run.run"] = stub
 from pdfem_mpi.command.cli import main
 main()

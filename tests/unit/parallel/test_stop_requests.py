@@ -19,7 +19,7 @@ from pdfem_mpi.system.signals import Requests
 from support.helpers import run_python
 
 
-class Keeper:
+class CheckpointWriter:
     """Counts checkpoints; they may fail."""
 
     def __init__(self, works=True):
@@ -47,7 +47,7 @@ def clock(monkeypatch):
 
 
 def pauses(keeper=None, requests=None, end=None, **settings):
-    return Pauses(mpi().COMM_SELF, requests or Requests(), keeper or Keeper(), Checkpoint(**settings), end)
+    return Pauses(mpi().COMM_SELF, requests or Requests(), keeper or CheckpointWriter(), Checkpoint(**settings), end)
 
 
 # --- signals ----------------------------------------------------------------------------------------------
@@ -104,7 +104,7 @@ def test_handlers_need_neither_numpy_nor_mpi():
 
 
 def test_a_stop_keeps_the_state_and_ends_the_run(clock):
-    keeper, requests = Keeper(), Requests()
+    keeper, requests = CheckpointWriter(), Requests()
     asked = pauses(keeper, requests)
     asked.act(asked.wishes(), state(1, 5))
     assert keeper.saved == []
@@ -120,13 +120,13 @@ def test_a_stop_says_when_nothing_could_be_kept(clock):
     requests = Requests()
     requests.hear(signal.SIGUSR1)
     with pytest.raises(Stopped) as stop:
-        pauses(Keeper(works=False), requests).between(state())
+        pauses(CheckpointWriter(works=False), requests).between(state())
     assert not stop.value.kept
 
 
 def test_the_votes_of_other_ranks_count(clock):
     """What is acted on are the sums over all ranks."""
-    keeper = Keeper()
+    keeper = CheckpointWriter()
     with pytest.raises(Stopped):
         pauses(keeper).act((1, 0), state(0, 3))
     pauses(keeper).act((0, 1), state(0, 4))
@@ -134,7 +134,7 @@ def test_the_votes_of_other_ranks_count(clock):
 
 
 def test_no_state_is_kept_twice(clock):
-    keeper = Keeper()
+    keeper = CheckpointWriter()
     asked = pauses(keeper)
     asked.resumed(state(1, 7))
     asked.save(state(1, 7))
@@ -145,7 +145,7 @@ def test_no_state_is_kept_twice(clock):
 
 
 def test_minutes_between_checkpoints(clock):
-    keeper = Keeper()
+    keeper = CheckpointWriter()
     asked = pauses(keeper, minutes=10.0)
     for iteration in range(1, 26):
         clock[0] += 60.0
@@ -156,7 +156,7 @@ def test_minutes_between_checkpoints(clock):
 def test_checkpoints_take_five_percent_of_the_time_at_most(clock):
     """One that takes 2 s, asked for every second, comes every 40 s and not more often."""
 
-    class Slow(Keeper):
+    class Slow(CheckpointWriter):
         def save(self, state):
             clock[0] += 2.0
             return super().save(state)
@@ -171,7 +171,7 @@ def test_checkpoints_take_five_percent_of_the_time_at_most(clock):
 
 
 def test_iterations_and_steps_between_checkpoints(clock):
-    keeper = Keeper()
+    keeper = CheckpointWriter()
     asked = pauses(keeper, iterations=3, steps=2)
     for step in range(5):
         asked.between(state(step, 9))
@@ -183,7 +183,7 @@ def test_iterations_and_steps_between_checkpoints(clock):
 
 
 def test_steps_between_checkpoints(clock):
-    keeper = Keeper()
+    keeper = CheckpointWriter()
     asked = pauses(keeper, steps=2)
     for step in range(7):
         asked.between(state(step))
@@ -191,7 +191,7 @@ def test_steps_between_checkpoints(clock):
 
 
 def test_the_time_allowed_ends_early_enough_for_a_checkpoint(clock):
-    keeper = Keeper()
+    keeper = CheckpointWriter()
     asked = pauses(keeper, end=1100.0)
     clock[0] = 1097.0
     asked.between(state(1))

@@ -1,0 +1,280 @@
+"""Checkpoints of a run: which to start from, and how all ranks write one together. Promise: docs/restart.md."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import hashlib
+import os
+import platform
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from pdfem_mpi import __version__
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.model.forces import Forces
+from pdfem_mpi.model.state import State
+from pdfem_mpi.parallel.comm import NotWritten, broadcast
+from pdfem_mpi.peridynamics.failure import Failure
+from pdfem_mpi.results.cursor import free_name
+from pdfem_mpi.run.identity import identity, sha256
+from pdfem_mpi.run.tables import make_layout, total_broken, write_tables
+from pdfem_mpi.system import faults
+from pdfem_mpi.system.launcher import cpu_name
+
+if TYPE_CHECKING:
+    pass
+from pdfem_mpi.run.start import FOLDER, RestartPoint
+
+#: So many checkpoints that could not be written, one after the other, end the run.
+MOST_FAILURES = 3
+#: What a file's header calls the version of its content; the form of the file has another number.
+SCHEMA = 1
+
+
+def environment() -> dict[str, Any]:
+    """What equal bits rest on beside the deck."""
+    total = hashlib.sha256()
+    package = Path(__file__).parents[1]
+    for file in sorted(package.rglob("*.py")):
+        total.update(f"{file.relative_to(package)}\n".encode() + file.read_bytes())
+    return {
+        "versions": {"pdfem_mpi": __version__, "numpy": np.__version__, "numba": sys.modules["numba"].__version__},
+        "cpu": cpu_name(),
+        "code_sha256": total.hexdigest(),
+    }
+
+
+class CheckpointContents(NamedTuple):
+    """What a checkpoint holds beside the state.
+
+    Attributes
+    ----------
+    evaluations : int
+        Of the run so far.
+    broken : int64, shape (n, 2)
+        Bonds broken on this rank.
+    books : dict or None
+        The dissipated energy as an exact sum, and the extent of the last breaks.
+    """
+
+    evaluations: int
+    broken: np.ndarray
+    books: dict[str, Any] | None
+
+
+class CheckpointWriter:
+    """Writes checkpoints, all ranks together, and keeps count of failures.
+
+    Parameters
+    ----------
+    scene : Scene
+    discretization : Discretization
+    forces : Forces
+        Of the run: knows its evaluations.
+    failure : Failure or None
+        Knows the broken bonds.
+    out : Path
+        The run folder.
+    flush : callable
+        On rank 0: bring the result files to the disk and return how far they are, by name.
+    tell : callable
+        Hears a line of every checkpoint.
+    start : RestartPoint
+    started : float
+        Time of ``perf_counter`` at which this start of the run began.
+
+    Attributes
+    ----------
+    written, failed : int
+    seconds, size : float, int
+        Of the last checkpoint.
+    seconds_in_all : float
+    good : (State, CheckpointContents) or None
+        What `remember` holds.
+    restarts : list of dict
+        One entry for each start but the first, the last one's included.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        discretization: Discretization,
+        forces: Forces,
+        failure: Failure | None,
+        out: Path,
+        flush: Callable[[], dict[str, dict[str, int]]],
+        tell: Callable[[str], None],
+        start: RestartPoint,
+        started: float,
+    ):
+        self.comm, self.forces, self.model, self.failure = forces.model.comm, forces, forces.model, failure
+        self.layout = make_layout(discretization, forces.model)
+        self.folder, self.keep = out / FOLDER, scene.checkpoint.keep
+        self.written = self.failed = self.size = 0
+        self.seconds = self.seconds_in_all = 0.0
+        self.restarts = start.restarts
+        self._flush, self._tell = flush, tell
+        self._before, self._started = start.seconds_before, started
+        self._failures, self._number = 0, 0
+        self.good: tuple[State, CheckpointContents] | None = None
+        if self.comm.rank == 0:
+            keys = identity(scene, discretization)
+            self._fixed = {
+                "program": "pdfem_mpi",
+                "schema": SCHEMA,
+                **environment(),
+                "python": platform.python_version(),
+                "ranks": self.comm.size,
+                "fingerprint": sha256(keys),
+                "keys": keys,
+            }
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds of the run, those of earlier starts included."""
+        return self._before + perf_counter() - self._started
+
+    def remember(self, state: State) -> None:
+        """Hold a copy of a good state, for the case that the next step fails; the beginning needs none."""
+        self.good = None  # not two copies at a time
+        if state.step:
+            self.good = copy.deepcopy(state), self._moment()
+
+    def save_good(self) -> bool:
+        """Write the last good state, if it was not the beginning. Collective."""
+        return self.save(*self.good) if self.good else False
+
+    def save(self, state: State, moment: CheckpointContents | None = None) -> bool:
+        """Write a checkpoint by the protocol of results/checkpoint.py. Collective.
+
+        Returns
+        -------
+        bool
+            False: it could not be written, older ones are as they were, and the user was told.
+
+        Raises
+        ------
+        NotWritten
+            On all ranks, after `MOST_FAILURES` failures in a row.
+        """
+        faults.begin("agree")
+        begun = perf_counter()
+        comm = self.comm
+        moment = moment or self._moment()
+        header = self._header(state, moment)
+        writer, problem = None, None
+        if comm.rank == 0:
+            try:
+                writer = self._open(header, state)
+            except OSError as error:
+                problem = error
+        write_tables(self.model, self.layout, state.fields, moment.broken, writer)
+        if writer:
+            try:
+                self.size = writer.finish(header)
+            except (OSError, RuntimeError) as error:
+                problem = error
+        faults.begin("outcome")
+        reason = broadcast(comm, None if problem is None else getattr(problem, "strerror", None) or str(problem))
+        self.seconds = perf_counter() - begun
+        self.seconds_in_all += self.seconds
+        if reason is None:
+            self._failures = 0
+            self.written += 1
+            faults.begin("rotate")
+            if comm.rank == 0:
+                self._rotate()
+                self._tell(
+                    f"checkpoint {writer.path.name}: step {state.step}, iteration {state.iteration}, "
+                    f"{self.size / 1e6:.1f} MB in {self.seconds:.2f} s"
+                )
+            return True
+        self.failed += 1
+        self._failures += 1
+        sentence = f"{self.folder}: a checkpoint cannot be written ({reason})"
+        if self._failures >= MOST_FAILURES:
+            raise NotWritten(f"{sentence}, {MOST_FAILURES} times in a row.")
+        self._tell(f"warning: {sentence}; older ones are kept. Free space.")
+        return False
+
+    def _moment(self) -> CheckpointContents:
+        """What a checkpoint holds beside the state, as it is now."""
+        failure, evaluations = self.failure, self.forces.evaluations
+        if failure is None:
+            return CheckpointContents(evaluations, np.empty((0, 2), np.int64), None)
+        books = {"dissipated": failure.dissipated_digits.tolist(), "last_extent": failure.last_extent.tolist()}
+        return CheckpointContents(evaluations, failure.broken_pairs(), books)
+
+    def _header(self, state: State, moment: CheckpointContents) -> dict[str, Any]:
+        """Everything that is not a table. Collective."""
+        numbers = {
+            "step": state.step,
+            "load_factor": float(state.load_factor),
+            "iteration": state.iteration,
+            "spent": state.spent,
+            "fields": list(state.fields),
+            "seconds": perf_counter() - state.began,
+            "bounds": asdict(state.bounds),
+            "program": {name: _plain(value) for name, value in state.program.items()},
+        }
+        broken, wide = total_broken(self.model, moment.broken)
+        if self.comm.rank > 0:
+            return {}
+        return self._fixed | {
+            "written": datetime.now(UTC).isoformat(timespec="seconds"),
+            "state": numbers,
+            "broken_bonds": broken,
+            "wide": wide,
+            "failure": moment.books,
+            "evaluations": moment.evaluations,
+            "seconds": self.elapsed,
+            "restarts": self.restarts,
+        }
+
+    def _open(self, header: dict[str, Any], state: State):
+        """Bring results to the disk, note how far they are, and open the file. On rank 0."""
+        from pdfem_mpi.results.checkpoint import Writer, checkpoint_path, list_checkpoints
+
+        faults.begin("flush")
+        header["results"] = self._flush()
+        self.folder.mkdir(exist_ok=True)
+        if not self._number:
+            self._number = max((number for number, _ in list_checkpoints(self.folder)), default=0)
+        path = checkpoint_path(self.folder, self._number + 1)
+        tables = self.layout.tables(header["broken_bonds"], header["wide"], state.fields)
+        return Writer(path, tables, job_name())
+
+    def _rotate(self) -> None:
+        from pdfem_mpi.results.checkpoint import rotate
+
+        self._number += 1
+        with contextlib.suppress(OSError):
+            rotate(self.folder, self.keep)
+
+
+def take_over(start: RestartPoint, folder: Path) -> None:
+    """Clean the folder of checkpoints for a run that goes on: torn files go, newer ones not used step aside."""
+    from pdfem_mpi.results.checkpoint import remove_stale
+
+    remove_stale(folder)
+    for path, fate in start.passed:
+        with contextlib.suppress(FileNotFoundError):
+            os.replace(path, free_name(path, fate))
+
+
+def job_name() -> str:
+    """The batch system's number of this job, or this process'."""
+    return os.environ.get("SLURM_JOB_ID") or str(os.getpid())
+
+
+def _plain(value: Any) -> float | int | bool:
+    return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,98 @@
+"""Fields over the load program, in files for the viewer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pdfem_mpi import __version__
+from pdfem_mpi.measure.fields import Fields, point_positions
+from pdfem_mpi.results.cursor import continue_frames, set_aside
+from pdfem_mpi.results.frame_digest import FrameDigest
+from pdfem_mpi.run.output import Output, Place
+
+HISTORY_FILE, POINTS_FILE, ELEMENTS_FILE = "history.csv", "points.vtkhdf", "elements.vtkhdf"
+
+
+class FramesOutput(Output):
+    """Fields over the load program, in a file for the viewer.
+
+    Parameters
+    ----------
+    name : str
+        The file.
+    create : callable
+        ``create(place, path)`` writes its geometry.
+    pick : callable
+        The displacements of its places in `Fields`.
+    has_damage : bool
+    """
+
+    def __init__(self, name: str, create: Callable[[Place, Path], None], pick: Callable[[Fields], np.ndarray | None],
+                 has_damage: bool = False) -> None:  # fmt: skip
+        super().__init__()
+        self.name, self.create, self.pick, self.has_damage = name, create, pick, has_damage
+        self.path: Path
+        self.digest: FrameDigest
+
+    def open(self, place: Place) -> None:
+        from pdfem_mpi.results import vtkhdf
+
+        self.path = place.written.new(self.name)
+        if place.other_fields:
+            set_aside(self.path, "output was changed", place.note, "before")
+        cursor = None if place.other_fields else place.cursors.get(self.name)
+        digest = None if cursor is None else continue_frames(self.path, cursor, place.note)
+        if digest is None:
+            self.create(place, self.path)
+            digest = vtkhdf.digest_of(self.path)
+        self.digest = digest
+
+    def write(self, columns: dict[str, Any], fields: Fields | None, damage: np.ndarray | None) -> None:
+        from pdfem_mpi.results import vtkhdf
+
+        arrays = {"displacement": self.pick(fields)}
+        if damage is not None and self.has_damage:
+            arrays["damage"] = damage
+        vtkhdf.append_frame(self.path, columns["load_factor"], arrays, digest=self.digest)
+
+
+def create_points(place: Place, path: Path) -> None:
+    """Write the geometry of the peridynamic points."""
+    from pdfem_mpi.results import vtkhdf
+
+    discretization = place.discretization
+    chosen = discretization.has_points
+    data = {
+        "global_id": np.arange(8 * np.count_nonzero(chosen)),
+        "region": np.repeat(discretization.region[chosen], 8),
+        "material": np.repeat(discretization.material[chosen], 8),
+        "overlap": np.repeat(discretization.is_overlap[chosen], 8),
+    }
+    vtkhdf.create_points(path, point_positions(discretization), data, attributes=_identity(place))
+
+
+def create_elements(place: Place, path: Path) -> None:
+    """Write the geometry of the finite elements."""
+    from pdfem_mpi.results import vtkhdf
+
+    discretization = place.discretization
+    cells = discretization.has_nodes
+    vtkhdf.create_elements(
+        path,
+        discretization.mesh.nodes[discretization.node_number >= 0],
+        discretization.node_number[discretization.mesh.cells[cells]],
+        {
+            "region": discretization.region[cells],
+            "material": discretization.material[cells],
+            "overlap": discretization.is_overlap[cells],
+        },
+        attributes=_identity(place),
+    )
+
+
+def _identity(place: Place) -> dict[str, str]:
+    return {"pdfem_mpi_version": __version__, "deck_sha256": place.deck_sha256}

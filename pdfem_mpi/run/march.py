@@ -1,0 +1,139 @@
+"""Following a load program to its end: rows go to the outputs, a stop or a failure becomes an exit code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage, gather_fields
+from pdfem_mpi.model.forces import NotFinite
+from pdfem_mpi.parallel.comm import on_root
+from pdfem_mpi.parallel.stop_requests import Pauses, Stopped, place_of
+from pdfem_mpi.peridynamics.damage import Remaining
+from pdfem_mpi.run.checkpoints import CheckpointWriter
+from pdfem_mpi.run.memory_report import Watched
+from pdfem_mpi.run.outputs import Outputs
+from pdfem_mpi.run.reporter import Reporter
+from pdfem_mpi.run.rows import history_row
+from pdfem_mpi.run.simulation import Simulation
+from pdfem_mpi.solvers.convergence import NotConverged
+from pdfem_mpi.stepping import Report
+from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_NOT_CONVERGED, EXIT_NOT_WRITTEN, EXIT_STOPPED
+
+
+@dataclass
+class Ending:
+    """How a load program ended.
+
+    Attributes
+    ----------
+    code : int
+        Exit code.
+    reason : str or None
+    fields : Fields or None
+        The last ones, on rank 0, where something asks for them.
+    damage : float64, shape (n_points,), or None
+    digest : str or None
+        Of the fields, where nothing asks for them.
+    did_nothing : bool
+        The time was over before the first step.
+    """
+
+    code: int = EXIT_FINISHED
+    reason: str | None = None
+    fields: Fields | None = None
+    damage: np.ndarray | None = None
+    digest: str | None = None
+    did_nothing: bool = False
+
+
+class March:
+    """One start of a load program.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    outputs : Outputs or None
+        On rank 0 alone.
+    reporter : Reporter
+    keeper : CheckpointWriter
+    pauses : Pauses
+    changed : bool
+        The deck is not that of the checkpoint: a program that was over may go on.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        outputs: Outputs | None,
+        reporter: Reporter,
+        keeper: CheckpointWriter,
+        pauses: Pauses,
+        changed: bool,
+    ):
+        self.simulation, self.outputs, self.reporter = simulation, outputs, reporter
+        self.keeper, self.pauses, self.changed = keeper, pauses, changed
+        self.wanted = bool(simulation.scene.output.fields or simulation.scene.probes)
+        self.watched = Watched(simulation.forces, *simulation.parts, keeper)
+        self.remaining, self.ended = Remaining(), Ending()
+        self.energy_error: float | None = None
+        self.seconds = self.seconds_of_output = 0.0
+        self._told_of_strains = False
+
+    @property
+    def arrays(self) -> tuple[Any, ...]:
+        """What this holds beside the simulation's own arrays."""
+        return self.ended.fields, self.ended.damage, self.remaining, self.outputs
+
+    def follow(self) -> Ending:
+        """Follow the load program to its end. Collective."""
+        simulation, ended = self.simulation, self.ended
+        state, began, timed = simulation.state, perf_counter(), False
+        over, first = state.program.pop("over", 0) and not self.changed, place_of(state)
+        try:
+            rows = 0
+            for rows, report in enumerate(() if over else simulation.follow(self._watch), start=1):  # noqa: B007
+                self._write(report)
+            if not rows:  # nothing was left to do: the fields are those of the last step
+                simulation.evaluate()
+            if not self.wanted:
+                ended.digest = digest_fields(simulation.discretization, simulation.forces, state.u)
+            elif not rows:
+                ended.fields = gather_fields(simulation.discretization, simulation.forces, state.u)
+            state.program["over"] = 1
+            self.pauses.save(state)
+        except (NotConverged, NotFinite) as error:
+            ended.code, ended.reason = EXIT_NOT_CONVERGED, str(error)
+            self.keeper.save_good()
+        except Stopped as stop:
+            ended.code, ended.reason = EXIT_STOPPED, str(stop)
+            if not stop.kept:
+                ended.code, ended.reason = EXIT_NOT_WRITTEN, f"{stop}, and not kept"
+            timed = not stop.asked
+        ended.did_nothing = ended.code == EXIT_STOPPED and timed and place_of(state) == first
+        self.seconds = perf_counter() - began - self.seconds_of_output
+        return ended
+
+    def _watch(self, step, progress) -> None:
+        self.watched.hear(progress)
+        scene = self.simulation.scene
+        self.reporter.progress(step, scene.stepping.n_steps, progress, scene.solver.tolerance)
+
+    def _write(self, report: Report) -> None:
+        """Give a row of the load program to the outputs. Collective."""
+        simulation, ended = self.simulation, self.ended
+        self.energy_error = report.convergence.energy_error
+        if report.elements and report.elements.warning and not self._told_of_strains:
+            self.reporter.line(report.elements.warning)
+            self._told_of_strains = True
+        began = perf_counter()
+        if self.wanted:
+            ended.fields = gather_fields(simulation.discretization, simulation.forces, simulation.state.u)
+        columns = history_row(report, simulation.discretization.units, simulation.failure is not None)
+        ended.damage = gather_damage(simulation.discretization, simulation.model, self.remaining, simulation.failure)
+        on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))
+        self.reporter.row(columns)
+        self.seconds_of_output += perf_counter() - began

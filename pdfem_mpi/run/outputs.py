@@ -1,0 +1,128 @@
+"""What a run writes: each output observes the rows of the load program. On rank 0 alone.
+
+An output has `open` before the first row, `write` at each row, `measure` on the last fields, `close` and `draw` at the
+end; it leaves out what it does not need. `make_outputs` is the one place that knows which output a table of the deck
+asks for.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.measure.fields import Fields
+from pdfem_mpi.results.cursor import continue_history, flushed
+from pdfem_mpi.results.history import History
+from pdfem_mpi.results.labels import attempt
+from pdfem_mpi.run.frames import (
+    ELEMENTS_FILE,
+    HISTORY_FILE,
+    POINTS_FILE,
+    FramesOutput,
+    create_elements,
+    create_points,
+)
+from pdfem_mpi.run.output import Output, Place
+from pdfem_mpi.run.probes import OF_PROBE
+
+
+class HistoryOutput(Output):
+    """history.csv, and the figures of a run in which bonds broke."""
+
+    def __init__(self, columns: tuple[str, ...]) -> None:
+        super().__init__()
+        self.columns = columns
+        self.history: History
+
+    def open(self, place: Place) -> None:
+        path = place.written.new(HISTORY_FILE)
+        self.history = continue_history(path, self.columns, place.cursors.get(HISTORY_FILE), place.note)
+
+    def write(self, columns: dict[str, Any], fields: Fields | None, damage: np.ndarray | None) -> None:
+        self.history.append(columns)
+
+    def draw(self, place: Place) -> None:
+        if int((self.history.last() or {}).get("broken_bonds") or 0):
+            draw_run(place.written.folder, place.scene, place.warn)
+
+
+@dataclass
+class Outputs:
+    """All outputs of a run, in the order in which they write."""
+
+    place: Place
+    history: HistoryOutput
+    frames: list[FramesOutput] = field(default_factory=list)
+    probes: list[Output] = field(default_factory=list)
+
+    @property
+    def all(self) -> list[Output]:
+        """Every output."""
+        return [self.history, *self.frames, *self.probes]
+
+    def open(self) -> None:
+        """Create all files, or cut them back to the checkpoint."""
+        for output in self.all:
+            output.open(self.place)
+
+    def write(self, columns: dict[str, Any], fields: Fields | None, damage: np.ndarray | None) -> None:
+        """Append one row of the load program to all files."""
+        for output in self.all:
+            output.write(columns, fields, damage)
+
+    def measure(self, fields: Fields, load_factor: float) -> None:
+        """Read all results off the last fields."""
+        for output in self.all:
+            output.measure(self.place, fields, load_factor)
+
+    def close(self) -> None:
+        """Write what belongs to the end; a figure that cannot be drawn is a warning."""
+        for output in self.all:
+            output.close(self.place)
+        figures = self.place.written.folder / "figures"
+        for output in self.all if self.place.scene.output.figures else ():
+            attempt(functools.partial(output.draw, self.place), figures, self.place.warn)
+
+    def flush(self) -> dict[str, dict[str, Any]]:
+        """Bring all files to the disk; how far each is, for a checkpoint."""
+        digests = {output.name: output.digest for output in self.frames}
+        return flushed(self.place.written.folder, self.history.history, digests)
+
+    @property
+    def results(self) -> dict[str, Any]:
+        """What summary.json lists as probes."""
+        return {name: value for output in self.all for name, value in output.results.items()}
+
+
+def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
+    """The outputs that a deck asks for.
+
+    Parameters
+    ----------
+    columns : tuple of str
+        Of history.csv.
+    """
+    outputs = Outputs(place, HistoryOutput(columns))
+    discretization = place.discretization
+    if place.scene.output.fields and discretization.has_points.any():
+        outputs.frames.append(FramesOutput(POINTS_FILE, create_points, lambda fields: fields.u_points, True))
+    if place.scene.output.fields and discretization.has_nodes.any():
+        outputs.frames.append(FramesOutput(ELEMENTS_FILE, create_elements, lambda fields: fields.u_nodes))
+    outputs.probes += [OF_PROBE[type(probe)](probe) for probe in place.scene.probes]
+    return outputs
+
+
+def draw_run(folder: Path, scene: Scene, warn: Callable[[str], None], film: bool = False) -> list[Path]:
+    """Draw the figures of a run with failure from its result files, on this rank alone; the paths drawn.
+
+    ``warn`` hears of figures that could not be drawn.
+    """
+    from pdfem_mpi.results.failure_plots import draw_failure
+
+    return draw_failure(folder, scene.title, scene.units.length, scene.units.force, film, warn=warn)

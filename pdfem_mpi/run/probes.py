@@ -1,0 +1,95 @@
+"""Outputs of the deck's probes: numbers, tables and figures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pdfem_mpi.deck.outputs import BarProbe, DisplacementProbe, LineProbe
+from pdfem_mpi.measure.bar import Bar, bar_results, measure_bar
+from pdfem_mpi.measure.displacement import displacement_at
+from pdfem_mpi.measure.fields import Fields
+from pdfem_mpi.measure.line import Line, measure_line
+from pdfem_mpi.results.lines import write_line
+from pdfem_mpi.run.output import Output, Place, new_figure
+
+
+class DisplacementOutput(Output):
+    """The displacement at a point."""
+
+    def __init__(self, probe: DisplacementProbe) -> None:
+        super().__init__()
+        self.probe = probe
+
+    def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
+        self.results = {self.probe.name: displacement_at(place.discretization, fields, self.probe.point).tolist()}
+
+
+class BarOutput(Output):
+    """A bar's comparison with uniform tension, and its figure."""
+
+    def __init__(self, probe: BarProbe) -> None:
+        super().__init__()
+        self.probe = probe
+        self.bar: Bar | None = None
+
+    def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
+        self.bar = measure_bar(place.scene, place.discretization, fields, self.probe, load_factor)
+        self.results = bar_results(place.scene, place.discretization, self.bar, self.probe, load_factor)
+
+    def draw(self, place: Place) -> None:
+        if self.bar is None:
+            return
+        from pdfem_mpi.results import plots
+
+        bar = self.bar
+        kind = np.where(bar.has_points, "peridynamics", "finite elements")
+        stations = plots.BarStations(
+            bar.coordinate, bar.displacement, bar.exact, kind, bar.interface, bar.overlap, self.probe.axis
+        )
+        path = new_figure(place, "axial_displacement")
+        plots.axial_displacement(path, stations, place.scene.title, place.scene.units.length)
+
+
+class LineOutput(Output):
+    """Displacements along a line: a table, and its figure."""
+
+    def __init__(self, probe: LineProbe) -> None:
+        super().__init__()
+        self.probe = probe
+        self.line: Line | None = None
+
+    def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
+        self.line = measure_line(place.discretization, fields, self.probe)
+
+    def close(self, place: Place) -> None:
+        line = self.line
+        if line is None:
+            return
+        (place.written.folder / "lines").mkdir(exist_ok=True)
+        inside = line.kind != ""
+        u = [values if known else None for values, known in zip(line.displacement, inside, strict=True)]
+        rows = zip(line.distance, line.position, u, line.kind, strict=True)
+        write_line(place.written.new(f"lines/{self.probe.name}.csv"), rows)
+
+    def draw(self, place: Place) -> None:
+        line = self.line
+        if line is None:
+            return
+        from pdfem_mpi.results import plots
+
+        moving = np.flatnonzero(np.ptp(line.position, axis=0) > 0.0)
+        on_axis = len(moving) == 1
+        fixed = (f"{'xyz'[d]} = {line.position[0, d]:.6g}" for d in range(3) if d not in moving)
+        samples = plots.LineSamples(
+            line.position[:, moving[0]] if on_axis else line.distance,
+            line.displacement[:, :2],
+            line.kind,
+            "xyz"[moving[0]] if on_axis else "distance from its start",
+            f"line {self.probe.name}" + (f": {', '.join(fixed)}" if on_axis else ""),
+        )
+        path = new_figure(place, f"line_{self.probe.name}")
+        plots.displacement_along_line(path, samples, place.scene.title, place.scene.units.length)
+
+
+#: Which output a table of ``[[probes]]`` asks for.
+OF_PROBE = {DisplacementProbe: DisplacementOutput, BarProbe: BarOutput, LineProbe: LineOutput}

@@ -1,0 +1,113 @@
+"""Bringing a checkpoint back into a state, on any number of ranks."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.model.forces import Bounds
+from pdfem_mpi.model.model import Model
+from pdfem_mpi.model.state import FIELDS, State
+from pdfem_mpi.parallel.comm import broadcast
+from pdfem_mpi.peridynamics.failure import Failure
+from pdfem_mpi.run.tables import BROKEN, Layout, make_layout, read_broken, read_fields
+from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
+
+if TYPE_CHECKING:
+    from pdfem_mpi.results.checkpoint import Reader
+from pdfem_mpi.run.start import EXIT_NO_CHECKPOINT, Refused, RestartPoint
+
+
+def restore(start: RestartPoint, discretization: Discretization, model: Model, state: State) -> np.ndarray:
+    """Fill the state from a checkpoint. Collective.
+
+    Parameters
+    ----------
+    state : State
+        Overwritten, but for the bounds: they belong to the solver as well, which is made with new ones.
+
+    Returns
+    -------
+    int64, shape (n, 2)
+        Broken bonds with an end in a cell of this rank.
+
+    Raises
+    ------
+    OSError
+        On all ranks.
+    Refused
+        Its tables are not those of the scene.
+    """
+    saved = start.header["state"]
+    state.step, state.load_factor = saved["step"], saved["load_factor"]
+    state.iteration, state.spent = saved["iteration"], saved["spent"]
+    state.program = dict(saved["program"])
+    state.began = perf_counter() - saved["seconds"]
+    for name in saved.get("fields", [entry.name for entry in FIELDS]):  # all, before they were named
+        state.add(name)
+    layout = make_layout(discretization, model)
+    with _reader(start.path, model.comm) as reader:
+        fault = broadcast(model.comm, _shape_fault(layout, state, reader) if reader else None)
+        if fault:
+            raise Refused(EXIT_NO_CHECKPOINT, f"{start.path}: {fault}. Start again with --overwrite.")
+        read_fields(model, layout, state, reader)
+        return read_broken(model, reader)
+
+
+def _shape_fault(layout: Layout, state: State, reader: Reader) -> str | None:
+    """Which table of a checkpoint has not the rows that this scene has; None if all have."""
+    for name, (rows, width, _) in layout.tables(0, False, state.fields).items():
+        if name != BROKEN and reader.shape(name) != (rows, width):
+            return f"its table {name} has shape {reader.shape(name)}, and the scene needs {(rows, width)}"
+    return None
+
+
+def _fill(bounds: Bounds, saved: dict[str, Any]) -> None:
+    """Set the bounds in place: the forces have them too."""
+    bounds.bond, bounds.element = saved["bond"], saved["element"]
+    for name, part in saved["parts"].items():
+        _fill(bounds.part(name), part)
+
+
+def restore_late(
+    start: RestartPoint, pairs: np.ndarray, state: State, failure: Failure | None, solve: EquilibriumSolver
+) -> None:
+    """Set the bounds, break the checkpoint's bonds, and let the solver know. Collective.
+
+    The solver was made for the intact body with new bounds, as in the run that broke them one after the other.
+
+    Parameters
+    ----------
+    pairs : int64, shape (n, 2)
+        From `restore`.
+
+    Raises
+    ------
+    Refused
+        They are not bonds of this scene.
+    """
+    _fill(state.bounds, start.header["state"]["bounds"])
+    if failure is None:
+        return
+    books = start.header["failure"]
+    try:
+        failure.restore(solve.forces.model, pairs, np.array(books["dissipated"]), start.header["broken_bonds"])
+    except ValueError as error:
+        raise Refused(EXIT_NO_CHECKPOINT, f"{start.path}: {error}. Start again with --overwrite.") from None
+    failure.last_extent = np.array(books["last_extent"])
+    broken = failure.take()
+    if start.header["broken_bonds"]:
+        solve.soften(broken)
+
+
+def _reader(path: Path, comm):
+    if comm.rank > 0:
+        return contextlib.nullcontext()
+    from pdfem_mpi.results.checkpoint import open_checkpoint
+
+    return open_checkpoint(path)

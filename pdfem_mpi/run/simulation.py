@@ -1,0 +1,211 @@
+"""A scene made ready on this rank: body, equations, state and solver, stepped through its loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.deck.loads import Load, Support
+from pdfem_mpi.deck.programs import Steps
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.measure.fields import Fields, gather_damage, gather_fields, node_positions, point_positions
+from pdfem_mpi.model.forces import Forces
+from pdfem_mpi.model.loads import make_load_case
+from pdfem_mpi.model.model import build_model
+from pdfem_mpi.model.state import new_state
+from pdfem_mpi.parallel.comm import world
+from pdfem_mpi.parallel.stop_requests import NEVER
+from pdfem_mpi.peridynamics.failure import make_failure
+from pdfem_mpi.run.memory_estimate import Need
+from pdfem_mpi.run.memory_report import features_of
+from pdfem_mpi.run.prepare import prepare, warm_up
+from pdfem_mpi.run.rows import history_row
+from pdfem_mpi.solvers.convergence import Progress
+from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
+from pdfem_mpi.stepping import Report, follow_load_program
+from pdfem_mpi.stepping.steps import follow_steps
+
+Watch = Callable[[int, Progress], None]
+
+
+def ignore(*words: Any) -> None:
+    """Hear and say nothing."""
+
+
+class Simulation:
+    """One scene on the ranks of a communicator; no file is read but the deck's mesh, and none is written.
+
+    All methods are collective: every rank of the communicator calls them. Lengths and forces are in the deck's units.
+
+    Parameters
+    ----------
+    scene : Scene
+    comm : mpi4py.MPI.Intracomm, optional
+        By default all ranks of the world.
+    prepared : (Discretization, Need), optional
+        From `prepare`, by those who looked at it before.
+    caches : sequence of Path
+        Folders where fits of bond factors are looked for and kept.
+    evaluations : int
+        Force evaluations of earlier starts.
+
+    Attributes
+    ----------
+    scene : Scene
+    comm : mpi4py.MPI.Intracomm
+    discretization : Discretization
+    need : Need
+        What the memory estimate was.
+    model : Model
+    case : LoadCase
+    state : State
+    forces : Forces
+    failure : Failure or None
+        None where no bond can break.
+    solver : EquilibriumSolver or None
+        Made by `prepare_solver`, or when it is first needed.
+
+    Raises
+    ------
+    SceneError
+        On all ranks.
+
+    Examples
+    --------
+    >>> simulation = pdfem_mpi.Simulation(pdfem_mpi.read_deck("jobs/bar_exact.toml"))     # doctest: +SKIP
+    >>> row = simulation.solve(load_factor=0.5)
+    >>> row["reaction"], simulation.fields().u_nodes
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        comm: Any = None,
+        *,
+        prepared: tuple[Discretization, Need] | None = None,
+        caches: Sequence[Path] = (),
+        evaluations: int = 0,
+    ):
+        self.scene = scene
+        self.comm = world() if comm is None else comm
+        if prepared is None:
+            warm_up(self.comm, features_of(scene))
+            prepared = prepare(scene, self.comm)
+        self.discretization, self.need = prepared
+        self.model = build_model(scene, self.discretization, self.comm, caches)
+        self.case = make_load_case(scene, self.discretization, self.model)
+        self.state = new_state(self.model)
+        self.forces = Forces(self.model, self.state.bounds, evaluations=evaluations)
+        self.failure = make_failure(scene, self.discretization, self.model)
+        self.solver: EquilibriumSolver | None = None
+        self._evaluated = False
+
+    def prepare_solver(self, note: Callable[[str], None] = ignore, pauses: Any = NEVER) -> EquilibriumSolver:
+        """Set up the scene's solver for the loads as they are; ``note`` hears what is worth telling."""
+        self.solver = make_solver(self.scene, self.discretization, self.forces, self.case, note, pauses)
+        return self.solver
+
+    def follow(self, watch: Watch = ignore) -> Iterator[Report]:
+        """Follow the scene's load program from the state on, in model units; see `steps`."""
+        solver = self.solver or self.prepare_solver()
+        for report in follow_load_program(self.scene, solver, self.failure, self.state, self.case, watch):
+            self._evaluated = True
+            yield report
+
+    def steps(self, watch: Watch = ignore) -> Iterator[dict[str, Any]]:
+        """Follow the scene's load program, and yield a row at each of its equilibria: the columns of history.csv.
+
+        Parameters
+        ----------
+        watch : callable
+            Told of the step and the progress of every iteration.
+
+        Raises
+        ------
+        NotConverged, NotFinite
+            No equilibrium was found.
+        """
+        for report in self.follow(watch):
+            yield self.row(report)
+
+    def solve(self, load_factor: float, watch: Watch = ignore) -> dict[str, Any]:
+        """Find the equilibrium at a load factor from the state as it is, and return its row.
+
+        Bonds beyond their critical stretch break until none is, whatever ``scene.stepping`` says.
+
+        Raises
+        ------
+        NotConverged, NotFinite
+        """
+        solver = self.solver or self.prepare_solver()
+        # the steps before were taken already, whatever their load factors were
+        factors = (*(0.0,) * self.state.step, float(load_factor))
+        settings = Steps.model_construct(kind="steps", load_factors=factors)
+        (report,) = follow_steps(settings, solver, self.failure, self.state, self.case, watch)
+        self._evaluated = True
+        return self.row(report)
+
+    def change_loads(self, loads: Sequence[Load] | None = None, supports: Sequence[Support] | None = None) -> None:
+        """Replace the scene's loads or supports; displacements and broken bonds stay.
+
+        Raises
+        ------
+        SceneError
+            On all ranks; the loads before are kept.
+        """
+        changed: dict[str, Any] = {}
+        if loads is not None:
+            changed["loads"] = tuple(loads)
+        if supports is not None:
+            changed["supports"] = tuple(supports)
+        scene = self.scene.model_copy(update=changed)
+        if problems := scene.problems():
+            raise SceneError([f"{problem.key} {problem.text}" for problem in problems])
+        case = make_load_case(scene, self.discretization, self.model)
+        self.scene, self.case, self.solver = scene, case, None
+
+    def row(self, report: Report) -> dict[str, Any]:
+        """A report of the load program in the deck's units, by the columns of history.csv."""
+        return history_row(report, self.discretization.units, self.failure is not None)
+
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        """What it is made of, in the order in which memory is counted."""
+        return (
+            self.discretization, self.model, self.case, self.state, self.forces, self.failure, self.solver,
+        )  # fmt: skip
+
+    def evaluate(self) -> None:
+        """Bring the tables of the forces to the state, where no row did; it does not count as an evaluation."""
+        before = self.forces.evaluations
+        self.forces.evaluate_surely(self.state.u, np.zeros_like(self.state.u), np.empty_like(self.state.u))
+        self.forces.evaluations = before
+        self._evaluated = True
+
+    def fields(self) -> Fields | None:
+        """Displacements of all points and nodes; None except on rank 0."""
+        if not self._evaluated:
+            self.evaluate()
+        return gather_fields(self.discretization, self.forces, self.state.u)
+
+    def damage(self) -> np.ndarray | None:
+        """Local damage (eq. 5) of all points, float64, shape (n_points,); None except on rank 0.
+
+        The deck must have ``output.damage = true``: weights of the intact bonds are kept for it.
+        """
+        return gather_damage(self.discretization, self.model)
+
+    @property
+    def points(self) -> np.ndarray:
+        """Reference positions of the peridynamic points, float64, shape (n_points, 3)."""
+        return point_positions(self.discretization)
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Reference positions of the nodes of elements, float64, shape (n_nodes, 3)."""
+        return node_positions(self.discretization)

@@ -1,0 +1,151 @@
+"""What summary.json and the table at the end say of a run."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import sys
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from pdfem_mpi import __version__
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.peridynamics.fit.fit import BodyFit
+from pdfem_mpi.run.march import March
+from pdfem_mpi.run.notes import Findings
+from pdfem_mpi.system.exit_codes import STATUS
+
+SCHEMA_VERSION = 1
+
+
+def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str, Any]) -> dict[str, Any]:
+    """The content of summary.json.
+
+    Parameters
+    ----------
+    march : March
+        After its end.
+    findings : Findings
+        What was found out before the first step.
+    facts : dict
+        What only the run knows: deck_text, fields_sha256, counts, bonds_per_rank, evaluations, seconds,
+        seconds_of_all_starts, memory.
+    """
+    simulation, keeper, ended = march.simulation, march.keeper, march.ended
+    model, discretization = simulation.model, simulation.discretization
+    last = march.outputs.history.history.last() or {}
+
+    def number(column, kind=float):
+        return kind(last[column]) if last.get(column) else None
+
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "status": STATUS[ended.code],
+        "reason": ended.reason,
+        "exit_code": ended.code,
+        "title": scene.title,
+        "deck_sha256": sha256(facts["deck_text"]),
+        "fields_sha256": facts["fields_sha256"],
+        "ranks": simulation.comm.size,
+        "mesh": {
+            "kind": scene.mesh.kind,
+            "symmetry": list(scene.mesh.symmetry),
+            "sha256": discretization.mesh.sha256(),
+            "notes": list(discretization.notes),
+            **asdict(discretization.quality),
+        },
+        "counts": facts["counts"],
+        "bonds_per_rank": facts["bonds_per_rank"],
+        "solve": {
+            "kind": scene.solver.kind,
+            "load_steps": simulation.state.step,
+            "evaluations": facts["evaluations"],
+            "evaluations_last_step": number("evaluations", int),
+            "relative_residual": number("relative_residual"),
+            "energy_error": march.energy_error,
+        },
+        "balance": {"force": number("force_balance"), "moment": number("moment_balance")},
+        "checkpoints": {
+            "written": keeper.written,
+            "failed": keeper.failed,
+            "seconds": keeper.seconds_in_all,
+            "bytes_of_last": keeper.size or None,
+        },
+        "restarts": keeper.restarts,
+        "seconds_of_all_starts": facts["seconds_of_all_starts"],
+        "surface_correction": {
+            "kind": scene.peridynamics.surface_correction if discretization.cutoff else None,
+            "remaining": model.correction_remaining if discretization.cutoff else None,
+            "fit": fit_report(model.body_fit, findings.smallest_eigenvalue, findings.stable),
+        },
+        "failure": findings.failure,
+        "bonds_cut_by_cracks": list(model.cut),
+        "parts_at_start": {"count": simulation.case.parts.count, "not_held": len(simulation.case.loose)},
+        "bonds_by_materials": named_pairs(discretization.materials.names, findings.bonds_by_material),
+        "probes": march.outputs.results,
+        "seconds": facts["seconds"],
+        "memory": facts["memory"],
+        "versions": {
+            "pdfem_mpi": __version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "numba": sys.modules["numba"].__version__,
+        },
+    }
+
+
+def named_pairs(names: tuple[str, ...], by_material: np.ndarray | None) -> dict[str, int]:
+    """Bonds between each two of several materials that have any, by name; empty for one material."""
+    if by_material is None or len(names) == 1:
+        return {}
+    pairs = [(a, b) for a in range(len(names)) for b in range(a, len(names)) if by_material[a, b]]
+    return {f"{names[a]} - {names[b]}": int(by_material[a, b]) for a, b in pairs}
+
+
+def fit_report(outcome: BodyFit | None, smallest: float | None, stable: bool | None) -> dict[str, Any] | None:
+    """What became of the fit of the bond factors; its numbers are missing where none serves.
+
+    Stability is null where it was not looked at: by relaxation, after a restart, or positive factors of an earlier fit.
+    """
+    if outcome is None:
+        return None
+    report = {
+        "fingerprint": outcome.fingerprint,
+        "reused": outcome.reused,
+        "notes": list(outcome.notes),
+        "bodies": outcome.n_bodies,
+    }
+    found = {"smallest_eigenvalue": smallest, "stable": stable}
+    return report | (asdict(outcome.fit) | found if outcome.fit else {})
+
+
+def end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
+    """The table at the end: sizes, residuals, probes, times."""
+    rows = [(name.replace("_", " "), f"{count:,}") for name, count in summary["counts"].items()]
+    solve, balance = summary["solve"], summary["balance"]
+    rows.append(("force evaluations", f"{solve['evaluations']:,}"))
+    if solve["relative_residual"] is not None:
+        rows.append(("relative residual", f"{solve['relative_residual']:.2e}"))
+        if solve["energy_error"] is not None:
+            rows.append(("error in the energy norm, about", f"{solve['energy_error']:.2e}"))
+        rows.append(
+            ("net internal force, moment", f"{balance['force']:.1e}, {balance['moment']:.1e} of the sums")
+        )
+    length = scene.units.length
+    for name, value in summary["probes"].items():
+        unit = f" {length}" if isinstance(value, list) or name == "end_displacement" else ""
+        text = ", ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else f"{value:.6g}"
+        rows.append((name.replace("_", " "), text + unit))
+    seconds = summary["seconds"]
+    rows.append(
+        ("seconds: set-up, solve, total", ", ".join(f"{seconds[k]:.1f}" for k in ("setup", "solve", "total")))
+    )
+    rows.append(("peak memory per rank", f"{max(summary['memory']['peak_bytes_per_rank']) / 2**20:.0f} MiB"))
+    return rows
+
+
+def sha256(text: str) -> str:
+    """Digest of a deck."""
+    return hashlib.sha256(text.encode()).hexdigest()
