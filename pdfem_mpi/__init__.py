@@ -19,14 +19,14 @@ _HOMES = {
     "read_deck": "deck.toml",
     "write_deck": "deck.toml",
     "RunFolder": "results.run_folder",
-    "Simulation": "run.simulation",
-    "run": "run.interface",
-    "resume": "run.interface",
-    "check": "run.interface",
-    "open_run": "run.interface",
+    "Simulation": "runs.simulation",
+    "run": "runs.interface",
+    "resume": "runs.interface",
+    "check": "runs.interface",
+    "open_run": "runs.interface",
 }
 #: These load numpy and compiled kernels, which read their settings from the environment once.
-_HEAVY = ("results", "run")
+_HEAVY = ("results", "runs")
 
 __all__ = [
     "DeckError",

@@ -54,7 +54,7 @@ def compiled_once():
 
 def _compiled_for_others():
     """Kernels and the types they were compiled for beside their signatures; one for any layout has that of arrays."""
-    warm_up = sys.modules.get("pdfem_mpi.run.compilation")  # tests without numba load none
+    warm_up = sys.modules.get("pdfem_mpi.runs.compilation")  # tests without numba load none
     if not warm_up or warm_up.numba.config.DISABLE_JIT:
         return set()
     return {

@@ -1,6 +1,6 @@
-"""Pull the plate with a hole apart, one event at a time, and plot its damage where the load has passed its peak.
+"""Pull a cracked plate apart, one event at a time, and plot its damage where half of its strength is gone.
 
-    python jobs/examples/failing_plate.py  some ten seconds
+    python jobs/examples/failing_plate.py  a few seconds
 """
 
 from pathlib import Path
@@ -13,7 +13,11 @@ JOBS = Path(__file__).resolve().parents[1]
 
 
 def main():
-    scene = pdfem.read_deck(JOBS / "plate_cutout.toml", {"mesh.spacing": 0.1})
+    scene = pdfem.read_deck(
+        JOBS / "plate_centre_crack.toml",
+        {"mesh.lower": [-1.6, -1.6, -0.05], "mesh.upper": [1.6, 1.6, 0.05]}  # one cell thick
+        | {"stepping.control": "load", "output.damage": True},
+    )
     simulation = pdfem.Simulation(scene)
     peak = 0.0
     for row in simulation.steps():

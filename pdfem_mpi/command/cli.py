@@ -3,7 +3,7 @@
 Exit codes: 0 finished; 64 bad deck, command line or launcher; 65 no checkpoint that can be used; 70 internal
 error; 73 results cannot be written; 74 not converged; 75 stopped with a checkpoint. Messages come from rank 0 only.
 
-``pdfem_mpi.run.run`` and what lies below it are imported inside the commands: numpy, numba and MPI must not load
+``pdfem_mpi.runs.run`` and what lies below it are imported inside the commands: numpy, numba and MPI must not load
 before the environment is prepared, nor in the process that only becomes ``mpirun``.
 """
 
@@ -384,8 +384,8 @@ def _run(deck, ranks, overrides, folder, overwrite, max_hours, ways) -> int:
     comm = _start_world(ranks)
     requests.comm = comm
     scene = _read_scene(deck, overrides, comm)
-    from pdfem_mpi.run.run import Refused, RunOptions
-    from pdfem_mpi.run.run import run as run_scene
+    from pdfem_mpi.runs.run import run as run_scene
+    from pdfem_mpi.runs.start import Refused, RunOptions
 
     try:
         ways = RunOptions(**ways, end=end, watched=True, requests=requests)
@@ -425,7 +425,7 @@ def check(deck: DeckArgument, overrides: SetOption = None) -> int:
     comm = _start_world(None)
     _let_interrupts_end_all(comm)
     scene = _read_scene(deck, overrides or [], comm)
-    from pdfem_mpi.run.prepare import check_scene
+    from pdfem_mpi.runs.prepare import check_scene
 
     try:
         sizes = check_scene(scene, comm)
@@ -444,7 +444,7 @@ def plot(
     """Draw the figures of a run with failure again, from its result files."""
     launch.prepare_environment()
     from pdfem_mpi.results.ownership import is_run, refuse_folder
-    from pdfem_mpi.run.run import draw_run
+    from pdfem_mpi.runs.outputs import draw_run
 
     refusal = refuse_folder(folder) or (None if is_run(folder) else f"{folder} holds no run. Give a run folder.")
     if refusal:
@@ -478,7 +478,7 @@ def warmup() -> int:
     """Compile all kernels into the cache, for images and continuous integration."""
     comm = _start_world(None)
     _let_interrupts_end_all(comm)
-    from pdfem_mpi.run.prepare import warm_up
+    from pdfem_mpi.runs.prepare import warm_up
 
     start = time.perf_counter()
     warm_up(comm)

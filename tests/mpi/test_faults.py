@@ -20,8 +20,8 @@ from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.parallel.slabs import gather_pairs
 from pdfem_mpi.results import checkpoint
 from pdfem_mpi.results.checkpoint import Writer, list_checkpoints, open_checkpoint
-from pdfem_mpi.run import tables
-from pdfem_mpi.run.tables import BROKEN, make_layout, read_broken, read_fields, total_broken, write_tables
+from pdfem_mpi.runs import tables
+from pdfem_mpi.runs.tables import BROKEN, make_layout, read_broken, read_fields, total_broken, write_tables
 from support.bodies import build, make_scene
 from support.helpers import assert_all
 from support.restarts import FACTORS, StopAt, alone, differing, failing, go, often, outcome, relaxed

@@ -13,7 +13,7 @@ from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.mesh.generators import box
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.parallel.comm import broadcast
-from pdfem_mpi.run import run as run_module
+from pdfem_mpi.runs import prepare as preparing
 from support.bodies import make_scene
 from support.helpers import ROOT, assert_all
 from support.mesh_files import write_mesh
@@ -28,8 +28,8 @@ def scene_of(path):
 
 def test_rank_0_reads_and_all_have_the_mesh(comm):
     """With the named sets, and no other rank opens the file."""
-    with patch.object(run_module, "make_mesh", wraps=run_module.make_mesh) as reading:
-        discretization, _ = run_module.prepare(scene_of(ROOT / "jobs" / "meshes" / "plate_with_hole.msh"), comm)
+    with patch.object(preparing, "make_mesh", wraps=preparing.make_mesh) as reading:
+        discretization, _ = preparing.prepare(scene_of(ROOT / "jobs" / "meshes" / "plate_with_hole.msh"), comm)
     mesh = discretization.mesh
     digests = comm.allgather((mesh.sha256(), len(mesh.cells), sorted(mesh.cell_sets)))
     assert_all(comm, reading.call_count == (comm.rank == 0), "only rank 0 reads")
@@ -45,7 +45,7 @@ def test_a_bad_mesh_is_refused_on_all_ranks(comm):
         write_mesh(path, HexMesh(mesh.nodes * np.array([-1.0, 1.0, 1.0]), mesh.cells))
     messages = []
     try:
-        run_module.prepare(scene_of(path), comm)
+        preparing.prepare(scene_of(path), comm)
     except SceneError as error:
         messages = error.messages
     comm.Barrier()

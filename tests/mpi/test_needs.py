@@ -7,8 +7,8 @@ import pytest
 from pdfem_mpi.deck.outputs import Output
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.parallel.comm import broadcast, mpi
-from pdfem_mpi.run.memory_report import SHARED_OUT
-from pdfem_mpi.run.run import run
+from pdfem_mpi.runs.memory_report import SHARED_OUT
+from pdfem_mpi.runs.run import run
 from support.bodies import make_scene
 from support.helpers import assert_all
 from support.reporters import Silence

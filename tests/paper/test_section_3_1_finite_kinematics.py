@@ -17,10 +17,10 @@ from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.measure.strains import TOLD, measure_elements
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.run.run import run
-from pdfem_mpi.run.summary import EXIT_NOT_CONVERGED
+from pdfem_mpi.runs.run import run
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from pdfem_mpi.stepping.report import balance
+from pdfem_mpi.system.exit_codes import EXIT_NOT_CONVERGED
 from support import total_lagrangian
 from support.bodies import Silence, build, make_scene
 
@@ -220,7 +220,7 @@ def outcome(scene, folder):
     """Exit code, reason and lines of a run without any output."""
     heard = Heard()
     scene = scene.model_copy(update={"output": Output(fields=False, figures=False)})
-    with patch("pdfem_mpi.run.prepare.warm_up"):  # it closes the kernels to what other tests compile
+    with patch("pdfem_mpi.runs.prepare.warm_up"):  # it closes the kernels to what other tests compile
         code = run(scene, mpi().COMM_SELF, folder, "", True, heard)
     return code, json.loads((folder / "summary.json").read_text())["reason"], heard.lines
 

@@ -31,8 +31,8 @@ from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import largest, sum_integers, world
 from pdfem_mpi.peridynamics.bonds import pattern_for, total_bonds
 from pdfem_mpi.peridynamics.failure import Failure, make_failure
-from pdfem_mpi.run.memory_estimate import forget_peak, peak_resident, resident
-from pdfem_mpi.run.prepare import warm_up
+from pdfem_mpi.runs.memory_estimate import forget_peak, peak_resident, resident
+from pdfem_mpi.runs.prepare import warm_up
 from pdfem_mpi.system import launcher as launch
 from pdfem_mpi.system.heap import large_arrays_apart
 from tools.benchmarks import ceilings

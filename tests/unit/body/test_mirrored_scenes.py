@@ -16,8 +16,8 @@ from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import build_model
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.run import memory_estimate as memory
-from pdfem_mpi.run.prepare import check_scene
+from pdfem_mpi.runs import memory_estimate as memory
+from pdfem_mpi.runs.prepare import check_scene
 from support.bodies import build, make_scene
 from support.mesh_files import write_mesh
 

@@ -21,7 +21,7 @@ DECK = ROOT / "jobs" / "bar_tension.toml"
 # A run that stands in for the real one: what it does is chosen by the variable STUB.
 STUB = r"""
 import os, sys, time, types
-from pdfem_mpi.deck.scene import SceneError
+from pdfem_mpi.deck.table import SceneError
 
 def run(scene, comm, out, deck_text, overwrite, reporter, ways):
     what = os.environ["STUB"]
@@ -45,10 +45,13 @@ def run(scene, comm, out, deck_text, overwrite, reporter, ways):
 def check_scene(scene, comm):
     return {"cells": str(scene.mesh.n_cells)}
 
-stub = types.ModuleType("pdfem_mpi.run.run")
-stub.run, stub.check_scene, stub.warm_up = run, check_scene, lambda *arguments: None
-stub.RunOptions, stub.Refused = types.SimpleNamespace, type("Refused", (Exception,), {})
-sys.modules["pdfem_mpi.run.run"] = stub
+def stand_in(name, **members):
+    sys.modules[f"pdfem_mpi.runs.{name}"] = stub = types.ModuleType(f"pdfem_mpi.runs.{name}")
+    vars(stub).update(members)
+
+stand_in("run", run=run)
+stand_in("prepare", check_scene=check_scene, warm_up=lambda *arguments: None)
+stand_in("start", RunOptions=types.SimpleNamespace, Refused=type("Refused", (Exception,), {}))
 from pdfem_mpi.command.cli import main
 main()
 """

@@ -10,6 +10,7 @@ from pdfem_mpi.deck.table import Units
 from pdfem_mpi.deck.toml import parse_deck, write_deck
 from pdfem_mpi.results import plots
 from pdfem_mpi.results.labels import MOST, as_it_is, attempt
+from pdfem_mpi.runs.outputs import Outputs
 from support.bodies import make_scene
 from support.helpers import run_pdfem
 from support.reporters import Listener
@@ -92,14 +93,13 @@ def test_a_figure_that_cannot_be_drawn_is_a_warning(tmp_path, monkeypatch):
 
 
 def test_a_folder_for_figures_that_cannot_be_made_is_a_warning(tmp_path, monkeypatch):
-    from pdfem_mpi.run import run
+    close = Outputs.close
 
     def occupied(self):
-        (self.out / "figures").write_text("in the way")
-        self.draw_them()
+        (self.place.written.folder / "figures").write_text("in the way")
+        close(self)
 
-    monkeypatch.setattr(run._Run, "draw_them", run._Run._draw, raising=False)
-    monkeypatch.setattr(run._Run, "_draw", occupied)
+    monkeypatch.setattr(Outputs, "close", occupied)
     reporter = Listener()
     assert alone(small(), tmp_path / "run", reporter=reporter) == FINISHED
     assert reporter.said("warning: the figure", "was not drawn")

@@ -13,7 +13,7 @@ from pdfem_mpi.measure.fields import gather_damage
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.peridynamics.failure import make_failure
-from pdfem_mpi.run.run import run
+from pdfem_mpi.runs.run import run
 from support.bodies import build, make_scene
 from support.reporters import Silence
 

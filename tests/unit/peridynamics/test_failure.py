@@ -17,7 +17,7 @@ from pdfem_mpi.kernels.exact_sums import BITS
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.peridynamics import failure as failure_module
 from pdfem_mpi.peridynamics.failure import UNBREAKABLE, critical_stretches, make_failure, point_classes
-from pdfem_mpi.run.failure_notes import describe_criterion
+from pdfem_mpi.runs.failure_notes import describe_criterion
 from pdfem_mpi.solvers.preconditioner.blocks import inverted, point_blocks
 from support.bodies import build, make_scene
 from support.failing import EDGE, STRETCH, failing, followed, strip

@@ -14,7 +14,7 @@ from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.table import DeckError, SceneError
 from pdfem_mpi.deck.toml import read_deck, write_deck
 from pdfem_mpi.results.ownership import RECORD, Written, is_run, refuse_deck, refuse_folder, refuse_study
-from pdfem_mpi.run.start import AUTO
+from pdfem_mpi.runs.start import AUTO
 from pdfem_mpi.system.files import replacing
 from pdfem_mpi.system.plain_files import NotPlain, read_plain, strange_kind
 from support.bodies import make_scene
@@ -100,7 +100,7 @@ def test_a_refused_start_leaves_no_word(tmp_path, out, monkeypatch):
     def refuse(*arguments):
         raise SceneError(["does not fit into memory."])
 
-    monkeypatch.setattr("pdfem_mpi.run.prepare.prepare", refuse)
+    monkeypatch.setattr("pdfem_mpi.runs.run.prepare", refuse)
     (tmp_path / "empty").mkdir()
     before = tree(out)
     for folder in (tmp_path / "empty", out):
@@ -315,7 +315,7 @@ def test_a_run_that_is_refused_late_keeps_what_says_that_it_is_one(tmp_path, mon
     def refuse(*arguments):
         raise SceneError(["the loads are not balanced."])
 
-    monkeypatch.setattr("pdfem_mpi.run.run.make_solver", refuse)
+    monkeypatch.setattr("pdfem_mpi.runs.simulation.make_solver", refuse)
     with pytest.raises(SceneError):
         alone(scene(), tmp_path / "run")
     monkeypatch.undo()

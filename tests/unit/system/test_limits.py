@@ -13,7 +13,7 @@ from pdfem_mpi.deck.table import DeckError, SceneError
 from pdfem_mpi.deck.toml import MOST_PROBLEMS, parse_deck, read_deck
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.run import memory_estimate as memory
+from pdfem_mpi.runs import memory_estimate as memory
 from pdfem_mpi.system import limits
 from pdfem_mpi.system.limits import Limit, group_limit, own_limit, shared_memory_problem
 from support.helpers import outside_launcher, run_pdfem, run_python

@@ -7,7 +7,7 @@ import matplotlib.image
 
 from pdfem_mpi.command import study as package_study
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.run.run import run
+from pdfem_mpi.runs.run import run
 from support import paper_numbers
 from support.helpers import ROOT
 from support.reporters import Silence

@@ -5,7 +5,7 @@ from xml.sax.saxutils import quoteattr
 
 import pytest
 
-from pdfem_mpi.run.memory_report import PARTS
+from pdfem_mpi.runs.memory_report import PARTS
 from support.helpers import ROOT, run_python
 from tools.studies import series
 from tools.studies.failure import study as failure

@@ -53,7 +53,11 @@ class Output:
     ----------
     results : dict
         What summary.json lists as probes.
+    figure : str
+        What a figure that cannot be drawn is called.
     """
+
+    figure = "figures"
 
     def __init__(self) -> None:
         self.results: dict[str, Any] = {}

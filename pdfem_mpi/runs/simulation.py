@@ -21,10 +21,10 @@ from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.parallel.stop_requests import NEVER
 from pdfem_mpi.peridynamics.failure import make_failure
-from pdfem_mpi.run.memory_estimate import Need
-from pdfem_mpi.run.memory_report import features_of
-from pdfem_mpi.run.prepare import prepare, warm_up
-from pdfem_mpi.run.rows import history_row
+from pdfem_mpi.runs.memory_estimate import Need
+from pdfem_mpi.runs.memory_report import features_of
+from pdfem_mpi.runs.prepare import prepare, warm_up
+from pdfem_mpi.runs.rows import history_row
 from pdfem_mpi.solvers.convergence import Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
 from pdfem_mpi.stepping import Report, follow_load_program

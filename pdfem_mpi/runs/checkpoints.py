@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import hashlib
 import os
 import platform
-import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -17,7 +15,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pdfem_mpi import __version__
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.forces import Forces
@@ -25,32 +22,19 @@ from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import NotWritten, broadcast
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.results.cursor import free_name
-from pdfem_mpi.run.identity import identity, sha256
-from pdfem_mpi.run.tables import make_layout, total_broken, write_tables
+from pdfem_mpi.runs.identity import identity, sha256
+from pdfem_mpi.runs.tables import make_layout, total_broken, write_tables
 from pdfem_mpi.system import faults
-from pdfem_mpi.system.launcher import cpu_name
 
 if TYPE_CHECKING:
     pass
-from pdfem_mpi.run.start import FOLDER, RestartPoint
+from pdfem_mpi.runs.environment import environment
+from pdfem_mpi.runs.start import FOLDER, RestartPoint
 
 #: So many checkpoints that could not be written, one after the other, end the run.
 MOST_FAILURES = 3
 #: What a file's header calls the version of its content; the form of the file has another number.
 SCHEMA = 1
-
-
-def environment() -> dict[str, Any]:
-    """What equal bits rest on beside the deck."""
-    total = hashlib.sha256()
-    package = Path(__file__).parents[1]
-    for file in sorted(package.rglob("*.py")):
-        total.update(f"{file.relative_to(package)}\n".encode() + file.read_bytes())
-    return {
-        "versions": {"pdfem_mpi": __version__, "numpy": np.__version__, "numba": sys.modules["numba"].__version__},
-        "cpu": cpu_name(),
-        "code_sha256": total.hexdigest(),
-    }
 
 
 class CheckpointContents(NamedTuple):

@@ -13,8 +13,8 @@ import numpy as np
 from pdfem_mpi import __version__
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.peridynamics.fit.fit import BodyFit
-from pdfem_mpi.run.march import March
-from pdfem_mpi.run.notes import Findings
+from pdfem_mpi.runs.march import March
+from pdfem_mpi.runs.notes import Findings
 from pdfem_mpi.system.exit_codes import STATUS
 
 SCHEMA_VERSION = 1

@@ -13,12 +13,12 @@ from pdfem_mpi.model.forces import NotFinite
 from pdfem_mpi.parallel.comm import on_root
 from pdfem_mpi.parallel.stop_requests import Pauses, Stopped, place_of
 from pdfem_mpi.peridynamics.damage import Remaining
-from pdfem_mpi.run.checkpoints import CheckpointWriter
-from pdfem_mpi.run.memory_report import Watched
-from pdfem_mpi.run.outputs import Outputs
-from pdfem_mpi.run.reporter import Reporter
-from pdfem_mpi.run.rows import history_row
-from pdfem_mpi.run.simulation import Simulation
+from pdfem_mpi.runs.checkpoints import CheckpointWriter
+from pdfem_mpi.runs.memory_report import Watched
+from pdfem_mpi.runs.outputs import Outputs
+from pdfem_mpi.runs.reporter import Reporter
+from pdfem_mpi.runs.rows import history_row
+from pdfem_mpi.runs.simulation import Simulation
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import Report
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_NOT_CONVERGED, EXIT_NOT_WRITTEN, EXIT_STOPPED

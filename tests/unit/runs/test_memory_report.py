@@ -15,9 +15,9 @@ from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.measure.fields import digest_fields, fields_sha256
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.results.checkpoint import list_checkpoints, open_checkpoint
-from pdfem_mpi.run.memory_estimate import resident
-from pdfem_mpi.run.memory_report import PARTS
-from pdfem_mpi.run.run import run
+from pdfem_mpi.runs.memory_estimate import resident
+from pdfem_mpi.runs.memory_report import PARTS
+from pdfem_mpi.runs.run import run
 from pdfem_mpi.system.heap import APART, large_arrays_apart
 from support.bodies import YOUNGS_MODULUS, build, make_scene
 from support.helpers import ROOT, run_python
@@ -167,7 +167,7 @@ def test_conjugate_gradients_keep_neither_velocity_nor_previous_force(memory, tm
 
 def test_a_run_without_output_gathers_no_fields_and_has_the_same_digest(tmp_path):
     scene = scene_of(3, solver="cg")
-    with patch("pdfem_mpi.run.run.gather_fields", side_effect=AssertionError("fields were gathered")):
+    with patch("pdfem_mpi.runs.march.gather_fields", side_effect=AssertionError("fields were gathered")):
         without = summary_of(scene, tmp_path / "without")
     fields = summary_of(scene.model_copy(update={"output": Output(figures=False)}), tmp_path / "with")
     assert without["fields_sha256"] == fields["fields_sha256"] is not None
@@ -207,11 +207,11 @@ from pathlib import Path
 from pdfem_mpi.system import launcher as launch
 launch.prepare_environment()
 from pdfem_mpi.deck.toml import write_deck
-from pdfem_mpi.run.compilation import kernels
-from pdfem_mpi.run.memory_report import features_of
+from pdfem_mpi.runs.compilation import kernels
+from pdfem_mpi.runs.memory_report import features_of
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.run.run import run
-from unit.run.test_memory_report import SCENES
+from pdfem_mpi.runs.run import run
+from unit.runs.test_memory_report import SCENES
 from support.reporters import Silence
 sys.modules.pop("matplotlib", None)
 expected = set()

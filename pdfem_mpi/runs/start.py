@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from pdfem_mpi.results.cursor import find_damage
 from pdfem_mpi.results.summary import look_at_summary
-from pdfem_mpi.run.identity import differences, free_changes
+from pdfem_mpi.runs.identity import differences, free_changes
 from pdfem_mpi.system.signals import Requests
 
 if TYPE_CHECKING:
     pass
-from pdfem_mpi.run.checkpoints import environment
+from pdfem_mpi.runs.environment import environment
 
 EXIT_USAGE, EXIT_NO_CHECKPOINT, EXIT_NOT_WRITTEN = 64, 65, 73
 FOLDER = "checkpoints"

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 import pytest
 
-from pdfem_mpi.run import compilation as warm_up
+from pdfem_mpi.runs import compilation as warm_up
 
 # One kernel calls the other; as in the package, a signature states what is returned.
 SOURCE = """

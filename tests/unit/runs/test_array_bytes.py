@@ -8,7 +8,7 @@ from scipy import sparse
 
 from pdfem_mpi.model.forces import Bounds
 from pdfem_mpi.peridynamics.bonds import Rows
-from pdfem_mpi.run.array_bytes import Count
+from pdfem_mpi.runs.array_bytes import Count
 
 WHOLE = np.zeros(1000)  # 8000 bytes
 

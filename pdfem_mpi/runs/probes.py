@@ -10,7 +10,7 @@ from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.measure.line import Line, measure_line
 from pdfem_mpi.results.lines import write_line
-from pdfem_mpi.run.output import Output, Place, new_figure
+from pdfem_mpi.runs.output import Output, Place, new_figure
 
 
 class DisplacementOutput(Output):
@@ -26,6 +26,8 @@ class DisplacementOutput(Output):
 
 class BarOutput(Output):
     """A bar's comparison with uniform tension, and its figure."""
+
+    figure = "axial_displacement.png"
 
     def __init__(self, probe: BarProbe) -> None:
         super().__init__()
@@ -56,6 +58,7 @@ class LineOutput(Output):
     def __init__(self, probe: LineProbe) -> None:
         super().__init__()
         self.probe = probe
+        self.figure = f"line_{probe.name}.png"
         self.line: Line | None = None
 
     def measure(self, place: Place, fields: Fields, load_factor: float) -> None:

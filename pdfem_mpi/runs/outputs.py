@@ -20,7 +20,7 @@ from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.results.cursor import continue_history, flushed
 from pdfem_mpi.results.history import History
 from pdfem_mpi.results.labels import attempt
-from pdfem_mpi.run.frames import (
+from pdfem_mpi.runs.frames import (
     ELEMENTS_FILE,
     HISTORY_FILE,
     POINTS_FILE,
@@ -28,8 +28,8 @@ from pdfem_mpi.run.frames import (
     create_elements,
     create_points,
 )
-from pdfem_mpi.run.output import Output, Place
-from pdfem_mpi.run.probes import OF_PROBE
+from pdfem_mpi.runs.output import Output, Place
+from pdfem_mpi.runs.probes import OF_PROBE
 
 
 class HistoryOutput(Output):
@@ -85,9 +85,8 @@ class Outputs:
         """Write what belongs to the end; a figure that cannot be drawn is a warning."""
         for output in self.all:
             output.close(self.place)
-        figures = self.place.written.folder / "figures"
         for output in self.all if self.place.scene.output.figures else ():
-            attempt(functools.partial(output.draw, self.place), figures, self.place.warn)
+            attempt(functools.partial(output.draw, self.place), Path(output.figure), self.place.warn)
 
     def flush(self) -> dict[str, dict[str, Any]]:
         """Bring all files to the disk; how far each is, for a checkpoint."""

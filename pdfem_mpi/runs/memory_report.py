@@ -21,9 +21,9 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.failure import Failure
-from pdfem_mpi.run.array_bytes import Count
-from pdfem_mpi.run.checkpoints import CheckpointWriter
-from pdfem_mpi.run.memory_estimate import Need, show_bytes
+from pdfem_mpi.runs.array_bytes import Count
+from pdfem_mpi.runs.checkpoints import CheckpointWriter
+from pdfem_mpi.runs.memory_estimate import Need, show_bytes
 from pdfem_mpi.solvers.convergence import Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 

@@ -15,12 +15,12 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import FIELDS, State
 from pdfem_mpi.parallel.comm import broadcast
 from pdfem_mpi.peridynamics.failure import Failure
-from pdfem_mpi.run.tables import BROKEN, Layout, make_layout, read_broken, read_fields
+from pdfem_mpi.runs.tables import BROKEN, Layout, make_layout, read_broken, read_fields
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 
 if TYPE_CHECKING:
     from pdfem_mpi.results.checkpoint import Reader
-from pdfem_mpi.run.start import EXIT_NO_CHECKPOINT, Refused, RestartPoint
+from pdfem_mpi.runs.start import EXIT_NO_CHECKPOINT, Refused, RestartPoint
 
 
 def restore(start: RestartPoint, discretization: Discretization, model: Model, state: State) -> np.ndarray:

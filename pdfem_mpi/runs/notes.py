@@ -12,9 +12,9 @@ from pdfem_mpi.body.discretization import Discretization, describe_cracked_overl
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.parts import describe_loose
 from pdfem_mpi.peridynamics.bonds import count_by_material
-from pdfem_mpi.run.failure_notes import criteria, describe_criterion, failure_summary
-from pdfem_mpi.run.prepare import describe_mirrors
-from pdfem_mpi.run.simulation import Simulation
+from pdfem_mpi.runs.failure_notes import criteria, describe_criterion, failure_summary
+from pdfem_mpi.runs.prepare import describe_mirrors
+from pdfem_mpi.runs.simulation import Simulation
 from pdfem_mpi.solvers.stability import smallest_eigenvalue
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_STOPPED, STATUS
 

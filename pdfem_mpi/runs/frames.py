@@ -12,7 +12,7 @@ from pdfem_mpi import __version__
 from pdfem_mpi.measure.fields import Fields, point_positions
 from pdfem_mpi.results.cursor import continue_frames, set_aside
 from pdfem_mpi.results.frame_digest import FrameDigest
-from pdfem_mpi.run.output import Output, Place
+from pdfem_mpi.runs.output import Output, Place
 
 HISTORY_FILE, POINTS_FILE, ELEMENTS_FILE = "history.csv", "points.vtkhdf", "elements.vtkhdf"
 

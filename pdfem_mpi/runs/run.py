@@ -20,25 +20,25 @@ from pdfem_mpi.results.cursor import unchecked
 from pdfem_mpi.results.log import RunLog
 from pdfem_mpi.results.ownership import RESULTS, SUMMARY
 from pdfem_mpi.results.summary import sealed, write_summary
-from pdfem_mpi.run.checkpoints import CheckpointWriter, take_over
-from pdfem_mpi.run.compilation import not_compiled
-from pdfem_mpi.run.entering import Entry
-from pdfem_mpi.run.identity import identity
-from pdfem_mpi.run.march import March
-from pdfem_mpi.run.memory_estimate import resident
-from pdfem_mpi.run.memory_report import count_parts, describe_memory, features_of, left_out, table_of
-from pdfem_mpi.run.notes import Findings, describe_body, describe_nothing, ending, find_out, headline, look_at_bonds
-from pdfem_mpi.run.output import Place
-from pdfem_mpi.run.outputs import Outputs, make_outputs
-from pdfem_mpi.run.prepare import count_sizes, fit_folders, prepare, warm_up
-from pdfem_mpi.run.reporter import LoggedReporter, NullReporter, Reporter
-from pdfem_mpi.run.restoring import restore, restore_late
-from pdfem_mpi.run.rows import columns_of
-from pdfem_mpi.run.simulation import Simulation
-from pdfem_mpi.run.start import FOLDER as CHECKPOINTS
-from pdfem_mpi.run.start import Refused, RestartPoint, RunOptions, compare
-from pdfem_mpi.run.stopwatch import phase
-from pdfem_mpi.run.summary import end_table, make_summary, sha256
+from pdfem_mpi.runs.checkpoints import CheckpointWriter, take_over
+from pdfem_mpi.runs.compilation import not_compiled
+from pdfem_mpi.runs.entering import Entry
+from pdfem_mpi.runs.identity import identity
+from pdfem_mpi.runs.march import March
+from pdfem_mpi.runs.memory_estimate import resident
+from pdfem_mpi.runs.memory_report import count_parts, describe_memory, features_of, left_out, table_of
+from pdfem_mpi.runs.notes import Findings, describe_body, describe_nothing, ending, find_out, headline, look_at_bonds
+from pdfem_mpi.runs.output import Place
+from pdfem_mpi.runs.outputs import Outputs, make_outputs
+from pdfem_mpi.runs.prepare import count_sizes, fit_folders, prepare, warm_up
+from pdfem_mpi.runs.reporter import LoggedReporter, NullReporter, Reporter
+from pdfem_mpi.runs.restoring import restore, restore_late
+from pdfem_mpi.runs.rows import columns_of
+from pdfem_mpi.runs.simulation import Simulation
+from pdfem_mpi.runs.start import FOLDER as CHECKPOINTS
+from pdfem_mpi.runs.start import Refused, RestartPoint, RunOptions, compare
+from pdfem_mpi.runs.stopwatch import phase
+from pdfem_mpi.runs.summary import end_table, make_summary, sha256
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_NOT_WRITTEN, EXIT_STOPPED
 from pdfem_mpi.system.heap import APART_BESIDE_BONDS, large_arrays_apart
 

@@ -17,8 +17,8 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import agree, broadcast, largest, node_communicator, sum_integers
 from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.peridynamics.fit.fit import EXPECTED_SWEEPS, SWEEP_RATE
-from pdfem_mpi.run.compilation import compile_kernels
-from pdfem_mpi.run.memory_estimate import Need, check_mesh, check_model, show_bytes
+from pdfem_mpi.runs.compilation import compile_kernels
+from pdfem_mpi.runs.memory_estimate import Need, check_mesh, check_model, show_bytes
 
 
 def warm_up(comm, features: Collection[str] | None = None) -> None:

@@ -18,9 +18,9 @@ from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.model.model import build_model
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.run import memory_estimate as memory
-from pdfem_mpi.run.prepare import check_scene
-from pdfem_mpi.run.run import run
+from pdfem_mpi.runs import memory_estimate as memory
+from pdfem_mpi.runs.prepare import check_scene
+from pdfem_mpi.runs.run import run
 from support.bodies import make_scene
 from support.helpers import ROOT, run_python
 from support.reporters import Silence
@@ -35,10 +35,10 @@ MEASURE = """
 import sys
 from pdfem_mpi.system import launcher as launch
 launch.prepare_environment()
-from pdfem_mpi.run import memory_estimate as memory
+from pdfem_mpi.runs import memory_estimate as memory
 from pdfem_mpi.deck.toml import read_deck
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.run.compilation import compile_kernels
+from pdfem_mpi.runs.compilation import compile_kernels
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.body.share import cut_out, partition
 from support.bodies import build
@@ -68,7 +68,8 @@ def scene_of(cells=(12, 6, 6), **options) -> Scene:
 def test_a_scene_that_does_not_fit_is_refused_with_the_bytes_needed_and_available(tmp_path):
     scene = scene_of()
     need = memory.estimate(scene, discretize(scene), whole(scene))
-    with available(int(need.bytes) - 1), patch("pdfem_mpi.run.run.build_model", never), pytest.raises(SceneError) as no:
+    built = patch("pdfem_mpi.runs.simulation.build_model", never)
+    with available(int(need.bytes) - 1), built, pytest.raises(SceneError) as no:
         run(scene, mpi().COMM_SELF, tmp_path / "out", write_deck(scene), False, Silence())
     (message,) = no.value.messages
     assert message.startswith("mesh.spacing = 1 does not fit into memory: the scene with about 3.2e+05 bonds needs")
@@ -82,7 +83,7 @@ def test_a_scene_that_does_not_fit_is_refused_with_the_bytes_needed_and_availabl
 
 def test_a_mesh_that_does_not_fit_is_not_even_made():
     scene = make_scene((4000, 4000, 4), 0)
-    with available(2**30), patch("pdfem_mpi.run.run.discretize", never), pytest.raises(SceneError) as no:
+    with available(2**30), patch("pdfem_mpi.runs.prepare.discretize", never), pytest.raises(SceneError) as no:
         check_scene(scene, mpi().COMM_SELF)
     assert "the mesh of 64,000,000 cells needs 35.2 GiB" in no.value.messages[0]
 
@@ -91,7 +92,7 @@ def test_a_mesh_file_that_does_not_fit_is_named(tmp_path):
     """Read by one rank, and refused before all have it."""
     mesh = FileMesh(path=str(ROOT / "jobs" / "meshes" / "plate_with_hole.msh"))
     scene = make_scene((1, 1, 1), 1, loads=(), supports=(Support(face="x-", x=0.0),), mesh=mesh)
-    with available(2**16), patch("pdfem_mpi.run.run.discretize", never), pytest.raises(SceneError) as no:
+    with available(2**16), patch("pdfem_mpi.runs.prepare.discretize", never), pytest.raises(SceneError) as no:
         check_scene(scene, mpi().COMM_SELF)
     (message,) = no.value.messages
     assert message.startswith(f"mesh.path = {mesh.path} does not fit into memory: the mesh of 600 cells needs")

@@ -7,7 +7,7 @@ from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.outputs import LineProbe, Output
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.programs import Solver, Steps
-from pdfem_mpi.run.identity import (
+from pdfem_mpi.runs.identity import (
     ELEMENTS,
     ELEMENTS_BESIDE_BONDS,
     FREE,
