@@ -35,13 +35,18 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import DeckError, SceneError
 from pdfem_mpi.deck.toml import parse_deck, read_deck, read_text, write_deck
 from pdfem_mpi.system import launcher as launch
+from pdfem_mpi.system.exit_codes import (
+    EXIT_FINISHED,
+    EXIT_INTERNAL_ERROR,
+    EXIT_INTERRUPTED,
+    EXIT_NO_CHECKPOINT,
+    EXIT_NOT_WRITTEN,
+    EXIT_STOPPED,
+    EXIT_USAGE,
+)
 from pdfem_mpi.system.limits import shared_memory_problem
 from pdfem_mpi.system.signals import Requests
 
-EXIT_USAGE = 64
-EXIT_NO_CHECKPOINT = 65
-EXIT_INTERNAL_ERROR = 70
-EXIT_NOT_WRITTEN = 73
 START_TEST_SECONDS = 60
 
 # typer carries its own copy of click in newer versions; its exported exception leads to the base in all
@@ -211,14 +216,14 @@ def main() -> None:
             # a launcher lets the other ranks wait for ever in the start of MPI when one has left with a code
             signal.signal(signal.SIGINT, signal.SIG_DFL)
             os.kill(os.getpid(), signal.SIGINT)
-        code = 130
+        code = EXIT_INTERRUPTED
     except Exception:
         # typer has replaced the hook at the call; ours, if a command has set it, ends all ranks here
         sys.excepthook(*sys.exc_info())
         sys.stderr.flush()
         code = EXIT_INTERNAL_ERROR
     sys.stdout.flush()
-    sys.exit(code if isinstance(code, int) else 0)
+    sys.exit(code if isinstance(code, int) else EXIT_FINISHED)
 
 
 def _print_problems(messages: Iterable[str], rank: int) -> None:
@@ -552,7 +557,7 @@ def study(
     except OSError as error:
         _print_problems([f"pdfem: {folder}: cannot be written: {error.strerror}. Choose another folder."], 0)
         return EXIT_NOT_WRITTEN
-    words = {0: "finished", studies.EXIT_STOPPED: "stopped; the same command goes on"}
+    words = {EXIT_FINISHED: "finished", EXIT_STOPPED: "stopped; the same command goes on"}
     print(f"pdfem: study {words.get(code, 'finished, members failed')}; results in {folder / 'study.csv'}", flush=True)
     return code
 

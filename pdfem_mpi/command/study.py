@@ -27,21 +27,12 @@ from pdfem_mpi.deck.toml import dimension_of, parse_deck, read_text, write_deck
 from pdfem_mpi.results.labels import attempt
 from pdfem_mpi.results.ownership import refuse_study
 from pdfem_mpi.results.study import Series, draw_study, write_table
+from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_INTERNAL_ERROR, EXIT_STOPPED, MEMBER_STATUS
 from pdfem_mpi.system.plain_files import read_plain
 
 MOST_BYTES = 1 << 24  # of a summary
 MAX_MEMBERS = 1000  # a product of values typed by mistake
 MAX_NAME = 100  # characters of a member's folder
-EXIT_FINISHED, EXIT_USAGE, EXIT_INTERNAL_ERROR, EXIT_STOPPED = 0, 64, 70, 75
-KNOWN_CODES = (64, 65, 70, 73, 74, 75)
-STATUS = {
-    64: "refused",
-    65: "bad checkpoint",
-    70: "internal error",
-    73: "not written",
-    74: "not converged",
-    75: "stopped",
-}
 # Of a summary: what tells nothing about the case, and the wall times, which go last
 NOT_RESULTS = ("schema_version", "exit_code", "ranks", "versions")
 WALL_TIMES = "seconds."
@@ -227,7 +218,7 @@ def outcome_in(folder: Path, member: Member) -> Outcome:
     code = summary.get("exit_code")
     if code == EXIT_FINISHED:
         return Outcome("finished", code, "", summary)
-    return Outcome(STATUS.get(code, "failed"), code, str(summary.get("reason") or ""), summary)
+    return Outcome(MEMBER_STATUS.get(code, "failed"), code, str(summary.get("reason") or ""), summary)
 
 
 def changed_members(members: Sequence[Member], folder: Path) -> list[str]:
@@ -398,8 +389,8 @@ def _judge(member: Member, place: Path, code: int, line: str) -> Outcome:
             return found
         reason = "its deck was changed while the study ran" if _summary(place) else "it left no summary.json"
         return Outcome("failed", EXIT_INTERNAL_ERROR, reason)
-    if code in KNOWN_CODES:
-        return Outcome(STATUS[code], code, found.reason or line)
+    if code in MEMBER_STATUS:
+        return Outcome(MEMBER_STATUS[code], code, found.reason or line)
     how = f"ended by signal {-code}" if code < 0 else f"exit code {code}"
     return Outcome("failed", code, ": ".join(filter(None, (how, line))))
 
@@ -420,7 +411,7 @@ def exit_code(outcomes: Sequence[Outcome], interruption: Interruption) -> int:
     if interruption.signal is not None:
         return EXIT_STOPPED
     code = next(outcome.exit_code for outcome in outcomes if outcome.status != "finished")
-    return code if code in KNOWN_CODES else EXIT_INTERNAL_ERROR
+    return code if code in MEMBER_STATUS else EXIT_INTERNAL_ERROR
 
 
 def results_of(summary: dict[str, Any]) -> dict[str, float]:

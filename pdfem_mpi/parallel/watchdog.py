@@ -10,7 +10,8 @@ from collections import deque
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from pdfem_mpi.parallel.comm import EXIT_INTERNAL_ERROR, hearing
+from pdfem_mpi.parallel.comm import hearing
+from pdfem_mpi.system.exit_codes import EXIT_INTERNAL_ERROR
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm

@@ -31,13 +31,13 @@ from pdfem_mpi.run.identity import differences, free_changes, identity, sha256
 from pdfem_mpi.run.tables import BROKEN, Layout, make_layout, read_broken, read_fields, total_broken, write_tables
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.system import faults
+from pdfem_mpi.system.exit_codes import EXIT_NO_CHECKPOINT, EXIT_USAGE
 from pdfem_mpi.system.launcher import cpu_name
 from pdfem_mpi.system.signals import Requests
 
 if TYPE_CHECKING:
     from pdfem_mpi.results.checkpoint import Reader
 
-EXIT_USAGE, EXIT_NO_CHECKPOINT, EXIT_NOT_WRITTEN = 64, 65, 73
 FOLDER = "checkpoints"
 MOST_BYTES = 1 << 24  # of a summary
 #: So many checkpoints that could not be written, one after the other, end the run.

@@ -53,8 +53,8 @@ from pdfem_mpi.run.failure_notes import criteria, describe_criterion, failure_su
 from pdfem_mpi.run.identity import identity
 from pdfem_mpi.run.memory_estimate import Need, check_mesh, check_model, resident, show_bytes
 from pdfem_mpi.run.memory_report import Watched, count_parts, describe_memory, features_of, left_out, table_of
+from pdfem_mpi.run.restart import FOLDER as CHECKPOINTS
 from pdfem_mpi.run.restart import (
-    EXIT_NOT_WRITTEN,
     Keeper,
     Refused,
     Start,
@@ -64,19 +64,18 @@ from pdfem_mpi.run.restart import (
     restore_late,
     take_over,
 )
-from pdfem_mpi.run.restart import FOLDER as CHECKPOINTS
 from pdfem_mpi.solvers.convergence import NotConverged, Progress
 from pdfem_mpi.solvers.stability import smallest_eigenvalue
 from pdfem_mpi.stepping import Report, follow_load_program, make_solver
+from pdfem_mpi.system.exit_codes import (
+    EXIT_FINISHED,
+    EXIT_NOT_CONVERGED,
+    EXIT_NOT_WRITTEN,
+    EXIT_STOPPED,
+    RUN_STATUS,
+)
 from pdfem_mpi.system.heap import APART_BESIDE_BONDS, large_arrays_apart
 
-EXIT_FINISHED, EXIT_NOT_CONVERGED, EXIT_STOPPED = 0, 74, 75
-STATUS = {
-    EXIT_FINISHED: "finished",
-    EXIT_NOT_WRITTEN: "stopped without a checkpoint",
-    EXIT_NOT_CONVERGED: "not converged",
-    EXIT_STOPPED: "stopped",
-}
 SCHEMA_VERSION = 1
 HISTORY = (
     "step", "event", "load_factor", "displacement", "reaction", "reaction_x", "reaction_y", "reaction_z", "evaluations",
@@ -640,7 +639,7 @@ class _Run:
 
         return {
             "schema_version": SCHEMA_VERSION,
-            "status": STATUS[code],
+            "status": RUN_STATUS[code],
             "reason": reason,
             "exit_code": code,
             "title": self.scene.title,
@@ -812,7 +811,7 @@ def _ending(code: int, reason: str | None, out: Path) -> str:
     if code == EXIT_FINISHED:
         return f"finished; results in {out}"
     remedy = f". Go on with: pdfem resume {out}" if code == EXIT_STOPPED else ""
-    return f"{STATUS[code]}: {(reason or '').rstrip('.')}{remedy}"
+    return f"{RUN_STATUS[code]}: {(reason or '').rstrip('.')}{remedy}"
 
 
 def _end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:

@@ -17,9 +17,10 @@ from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.measure.strains import TOLD, measure_elements
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.run.run import EXIT_NOT_CONVERGED, run
+from pdfem_mpi.run.run import run
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from pdfem_mpi.stepping.report import balance
+from pdfem_mpi.system.exit_codes import EXIT_NOT_CONVERGED
 from support import total_lagrangian
 from support.bodies import Silence, build, make_scene
 
