@@ -53,12 +53,14 @@ HOMES = {
 LATE_IMPORTS = {
     ("parallel.comm", "mpi4py"),
     ("command.cli", "pdfem_mpi"),
+    ("command.doctor", "pdfem_mpi.parallel"),
+    ("command.world", "pdfem_mpi.parallel"),
     ("run.run", "pdfem_mpi.results"),
     ("run.restart", "pdfem_mpi.results"),
     ("results.cursor", "pdfem_mpi.results"),
     ("mesh.exodus", "netCDF4"),
 }
-PRINTERS = ("command.cli", "run.run")
+PRINTERS = ("command.cli", "command.console", "command.world", "run.run")
 
 
 class Import(NamedTuple):

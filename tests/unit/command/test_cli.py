@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pdfem_mpi.command.cli import ConsoleReporter, remaining
+from pdfem_mpi.command.console import ConsoleReporter, remaining
 from pdfem_mpi.system.launcher import LaunchError, mpirun_command
 from support.helpers import ROOT, outside_launcher, run_pdfem, run_python
 
@@ -21,7 +21,7 @@ DECK = ROOT / "jobs" / "bar_tension.toml"
 # A run that stands in for the real one: what it does is chosen by the variable STUB.
 STUB = r"""
 import os, sys, time, types
-from pdfem_mpi.deck.scene import SceneError
+from pdfem_mpi.deck.table import SceneError
 
 def run(scene, comm, out, deck_text, overwrite, reporter, ways):
     what = os.environ["STUB"]
