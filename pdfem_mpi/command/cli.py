@@ -253,9 +253,7 @@ def study(
             [f"pdfem: {variable} is set: study starts its own ranks. Run it from a plain shell, with -n."],
             launch.rank_by_launcher(),
         )
-    from pdfem_mpi.command.study.members import StudyError
-    from pdfem_mpi.command.study.running import Interruption, starter
-    from pdfem_mpi.command.study.study import prepare, run_study
+    from pdfem_mpi.command.study import Interruption, StudyError, prepare, run_study, starter
 
     overrides, folder = overrides or [], out or Path("runs") / f"{deck.stem}-study"
     interruption = Interruption()

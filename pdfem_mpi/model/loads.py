@@ -19,6 +19,7 @@ from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_volumes
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mesh import named_sets
+from pdfem_mpi.mesh.layers import cells_near_face
 from pdfem_mpi.mesh.rigid_motions import write_rigid_motion
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.parts import Loose, Parts, find_loose, find_parts, settle, unbalanced, without_equilibrium
@@ -301,7 +302,7 @@ def _select_cells(discretization: Discretization, entry, where: str, scene: Scen
         names = [region.name for region in scene.regions]
         chosen = discretization.region == names.index(entry.region)
     elif entry.face is not None:
-        chosen = mesh.cells_near_face(entry.face, entry.layers)
+        chosen = cells_near_face(mesh, entry.face, entry.layers)
     elif entry.set is not None:
         chosen = named_sets.cells_of(mesh, entry, where)
     else:

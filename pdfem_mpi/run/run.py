@@ -18,7 +18,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from pdfem_mpi import __version__
-from pdfem_mpi.body.discretization import Discretization, ModelUnits, describe_cracked_overlap, discretize, make_mesh
+from pdfem_mpi.body.discretization import Discretization, ModelUnits, discretize
+from pdfem_mpi.body.meshing import make_mesh
+from pdfem_mpi.body.overlap import describe_cracked_overlap
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.outputs import BarProbe, DisplacementProbe, LineProbe
 from pdfem_mpi.deck.programs import Steps

@@ -9,11 +9,7 @@ import numpy as np
 
 from pdfem_mpi import __version__
 from pdfem_mpi.body.discretization import Discretization, discretize
-from pdfem_mpi.command.study.members import Axis, Member, make_members, parse_axes
-from pdfem_mpi.command.study.outcomes import outcome_in
-from pdfem_mpi.command.study.running import Interruption, Start, starter
-from pdfem_mpi.command.study.study import run_study
-from pdfem_mpi.command.study.table import results_of
+from pdfem_mpi.command import study
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.meshes import FileMesh
@@ -52,20 +48,16 @@ __all__ = [
     "STYLE",
     "UNBREAKABLE",
     "Assembled",
-    "Axis",
     "Events",
     "Failure",
     "FileMesh",
     "HexMesh",
-    "Interruption",
     "Material",
-    "Member",
     "Operator",
     "Peridynamics",
     "Region",
     "Scene",
     "Solver",
-    "Start",
     "Support",
     "__version__",
     "add_products",
@@ -82,21 +74,16 @@ __all__ = [
     "gather_fields",
     "make_bonds",
     "make_failure",
-    "make_members",
     "make_solver",
     "measure_bar",
     "mpirun_command",
-    "outcome_in",
-    "parse_axes",
     "parse_deck",
     "plate_with_hole",
     "point_positions",
     "point_rows",
     "prepare_environment",
     "read_deck",
-    "results_of",
-    "run_study",
-    "starter",
+    "study",
     "write_deck",
 ]
 

@@ -8,18 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tools.studies.internals import (
-    Axis,
-    Interruption,
-    Member,
-    Start,
-    make_members,
-    outcome_in,
-    parse_axes,
-    results_of,
-    run_study,
-    starter,
-)
+from tools.studies.internals import study
 from tools.studies.series import JOBS, rows_of
 
 
@@ -32,23 +21,23 @@ class Series:
     vary: tuple[str, ...]
     overrides: tuple[str, ...] = ()
 
-    def members(self) -> tuple[list[Axis], list[Member]]:
+    def members(self) -> tuple[list[study.Axis], list[study.Member]]:
         """Its axes and its members, validated."""
-        axes = parse_axes(self.vary)
-        return axes, make_members(JOBS / self.deck, axes, self.overrides)
+        axes = study.parse_axes(self.vary)
+        return axes, study.make_members(JOBS / self.deck, axes, self.overrides)
 
 
-def run_series(series: Series, folder: Path, ranks: int, dry_run: bool, start: Start | None = None) -> int:
+def run_series(series: Series, folder: Path, ranks: int, dry_run: bool, start: study.Start | None = None) -> int:
     """Run what is left of a series; members whose deck has changed are run anew. Returns the exit code."""
     axes, members = series.members()
     if dry_run:
         for member in members:
-            if outcome_in(folder / "members" / member.name, member).status != "finished":
+            if study.outcome_in(folder / "members" / member.name, member).status != "finished":
                 print(f"{series.name} {member.label}")
         return 0
-    interruption = Interruption()
-    start = start or starter(JOBS / series.deck, series.overrides, ranks, interruption)
-    return run_study(
+    interruption = study.Interruption()
+    start = start or study.starter(JOBS / series.deck, series.overrides, ranks, interruption)
+    return study.run_study(
         members, axes, folder, start, lambda text: print(f"{series.name} {text}", flush=True), (), interruption
     )
 
@@ -76,9 +65,9 @@ def results(series: Sequence[Series], runs: Path) -> dict[str, list[Result]]:
         members = []
         for member in item.members()[1]:
             folder = runs / item.name / "members" / member.name
-            outcome = outcome_in(folder, member)
+            outcome = study.outcome_in(folder, member)
             if outcome.status == "finished":
-                numbers = results_of(outcome.summary)
+                numbers = study.results_of(outcome.summary)
                 members.append(Result(dict(member.values), numbers, outcome.summary, folder))
         if members:
             found[item.name] = members

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.body import share as subdomain_module
-from pdfem_mpi.body.discretization import discretize, make_mesh
+from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.meshing import make_mesh
 from pdfem_mpi.body.share import cut_out, partition
 from pdfem_mpi.deck.loads import Support, Traction
 from pdfem_mpi.deck.meshes import FileMesh

@@ -15,12 +15,17 @@ from pathlib import Path
 import matplotlib.image
 import pytest
 
-from pdfem_mpi.command.study import figure, running
-from pdfem_mpi.command.study.members import StudyError, make_members, parse_axes
-from pdfem_mpi.command.study.outcomes import changed_members
-from pdfem_mpi.command.study.running import Interruption
-from pdfem_mpi.command.study.study import run_study
-from pdfem_mpi.command.study.table import results_of
+from pdfem_mpi.command.study import (
+    Interruption,
+    StudyError,
+    changed_members,
+    figure,
+    make_members,
+    parse_axes,
+    results_of,
+    run_study,
+    running,
+)
 from pdfem_mpi.deck.toml import read_deck
 from support.helpers import ROOT, run_pdfem
 

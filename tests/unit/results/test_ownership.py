@@ -8,8 +8,7 @@ import sys
 
 import pytest
 
-from pdfem_mpi.command.study.members import StudyError
-from pdfem_mpi.command.study.outcomes import check_folder
+from pdfem_mpi.command.study import StudyError, check_folder
 from pdfem_mpi.deck.outputs import LineProbe, Output
 from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.table import DeckError, SceneError
