@@ -22,10 +22,10 @@ def patience() -> float:
     return float(os.environ.get("PDFEM_WATCHDOG_SECONDS", "300"))
 
 
-class Asleep:
+class NoWatchdog:
     """A watchdog that watches nothing."""
 
-    def __enter__(self) -> Asleep:
+    def __enter__(self) -> NoWatchdog:
         return self
 
     def __exit__(self, *exception: Any) -> None:

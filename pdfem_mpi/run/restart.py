@@ -309,7 +309,7 @@ def restore_late(
     failure.last_extent = np.array(books["last_extent"])
     broken = failure.take()
     if start.header["broken_bonds"]:
-        solve.soften(broken)
+        solve.update_after_breaks(broken)
 
 
 def _reader(path: Path, comm):

@@ -36,8 +36,8 @@ from pdfem_mpi.model.model import Model, build_model
 from pdfem_mpi.model.parts import describe_loose
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import NotWritten, agree, broadcast, largest, node_communicator, on_root, sum_integers
-from pdfem_mpi.parallel.stop_requests import Pauses, Stopped, place_of
-from pdfem_mpi.parallel.watchdog import Asleep, Watchdog, patience
+from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests, place_of
+from pdfem_mpi.parallel.watchdog import NoWatchdog, Watchdog, patience
 from pdfem_mpi.peridynamics.bonds import count_by_material, total_bonds
 from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.peridynamics.failure import Failure, make_failure
@@ -281,7 +281,7 @@ class _Run:
             if refusal:
                 raise Refused(*refusal)
             hang = self.out / f"run.r{self.comm.rank}.hang"
-            with Watchdog(self.comm, hang, patience()) if self.ways.watched else Asleep():
+            with Watchdog(self.comm, hang, patience()) if self.ways.watched else NoWatchdog():
                 return self._go(start)
         except (SceneError, Refused):
             if self.entry:
@@ -353,7 +353,7 @@ class _Run:
             tell(_describe_taken(case.taken * discretization.units.force, scene.units.force))
         self.parts = {"count": case.parts.count, "not_held": len(case.loose)}
         keeper = Keeper(scene, discretization, forces, failure, self.out, self._flush, tell, start, self.started)
-        pauses = Pauses(comm, self.ways.requests, keeper, scene.checkpoint, self.ways.end)
+        pauses = StopRequests(comm, self.ways.requests, keeper, scene.checkpoint, self.ways.end)
         with _phase(self.seconds, "setup"), large_arrays_apart(APART_BESIDE_BONDS):
             solve = make_solver(scene, discretization, forces, case, tell, pauses)
             if start.path:

@@ -20,7 +20,8 @@ import numpy as np
 from pdfem_mpi.deck.programs import Events
 from pdfem_mpi.model.forces import Forces, NotFinite
 from pdfem_mpi.model.loads import LoadCase, remove_rigid_motion, without_loads_on_loose_parts
-from pdfem_mpi.model.parts import NAMED, describe_motion
+from pdfem_mpi.model.mechanisms import describe_motion
+from pdfem_mpi.model.parts import NAMED
 from pdfem_mpi.model.state import State
 from pdfem_mpi.model.unknowns import by_component
 from pdfem_mpi.parallel.comm import largest, sum_integers
@@ -75,9 +76,9 @@ def follow_events(
     NotConverged, NotFinite
         The state is left at the last batch.
     Stopped
-        From ``solve.pauses``, between batches.
+        From ``solve.stop_requests``, between batches.
     """
-    solve.pauses.between(state)
+    solve.stop_requests.between(state)
     events = _Events(settings, solve, failure, state, case, watch)
     if "stable" not in state.program:
         events.start()
@@ -226,7 +227,7 @@ class _Events:
     def pause(self) -> None:
         """Keep a checkpoint or stop, if asked to: the books are complete here."""
         self._count()
-        self.solve.pauses.between(self.state)
+        self.solve.stop_requests.between(self.state)
 
     def _carries_little(self) -> bool:
         program = self.state.program

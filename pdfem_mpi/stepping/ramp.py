@@ -37,10 +37,10 @@ def follow_ramp(
     ------
     NotConverged, NotFinite
     Stopped
-        From ``solve.pauses``.
+        From ``solve.stop_requests``.
     """
     forces, program = solve.forces, state.program
-    relaxation = Relaxation(forces, case.fixed, solve.pauses)
+    relaxation = Relaxation(forces, case.fixed, solve.stop_requests)
     load = float(np.sqrt(exact_dots(forces.model.comm, [(case.external, case.external)])[0]))
     reporter = Reporter(forces, case, failure)
     last = round(settings.end_load_factor / settings.increment)

@@ -6,7 +6,8 @@ import pytest
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.model import model as model_module
-from pdfem_mpi.model.parts import describe_loose, describe_motion, find_loose, find_parts
+from pdfem_mpi.model.mechanisms import describe_motion
+from pdfem_mpi.model.parts import describe_loose, find_loose, find_parts
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.parallel.slabs import gather_rows
 from support.bodies import build, make_scene

@@ -188,7 +188,7 @@ def test_what_comes_loose_loses_its_load(capsys, kinematics):
             break
         at = max(at, row.load_factor)
     bare.failure.restore(bare.body.model, run.failure.broken_pairs(), run.failure.dissipated_digits)
-    bare.solve.soften(bare.failure.take())
+    bare.solve.update_after_breaks(bare.failure.take())
     (alone,) = bare.follow(1)
     assert row.load_factor == pytest.approx(alone.load_factor, rel=1e-6)
     assert row.reaction == pytest.approx(alone.reaction, rel=1e-6)
