@@ -6,7 +6,15 @@ import numpy as np
 
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import PAIRS, combine, modes_at, motion_names, name_motion, rigid_modes, symmetric
-from pdfem_mpi.model.parts import NAMED, Parts, UnsupportedPart, find_loose, find_parts, rows_within, sum_over_parts
+from pdfem_mpi.model.parts import (
+    NAMED,
+    Parts,
+    UnsupportedPart,
+    find_parts,
+    find_unsupported,
+    rows_within,
+    sum_over_parts,
+)
 from pdfem_mpi.parallel.sums import exact_dots
 
 #: Loads work on a free motion when this fraction of their absolute work is left over.
@@ -14,7 +22,7 @@ BALANCE_TOLERANCE = 1e-9
 
 
 def find_unbalanced(
-    model: Model, free: np.ndarray, parts: Parts, loose: tuple[UnsupportedPart, ...], external: np.ndarray
+    model: Model, free: np.ndarray, parts: Parts, unsupported: tuple[UnsupportedPart, ...], external: np.ndarray
 ) -> list[str]:
     """Sentences about loads that work on a motion which nothing holds, of the body or of its parts. Collective.
 
@@ -25,7 +33,7 @@ def find_unbalanced(
     external : float64, shape (n_unknowns,), dimension force
         0 on fixed unknowns.
     """
-    return _unbalanced_body(model, free, external) or _unbalanced_parts(model, parts, loose, external)
+    return _unbalanced_body(model, free, external) or _unbalanced_parts(model, parts, unsupported, external)
 
 
 def _unbalanced_body(model: Model, free: np.ndarray, external: np.ndarray) -> list[str]:
@@ -58,11 +66,11 @@ def _show(model: Model, resultants: np.ndarray) -> tuple[str, str]:
 
 
 def _unbalanced_parts(
-    model: Model, parts: Parts, loose: tuple[UnsupportedPart, ...], external: np.ndarray
+    model: Model, parts: Parts, unsupported: tuple[UnsupportedPart, ...], external: np.ndarray
 ) -> list[str]:
-    """A sentence for each loose part whose loads work on a motion that nothing holds. Collective."""
+    """A sentence for each unsupported part whose loads work on a motion that nothing holds. Collective."""
     messages = []
-    for part, row, motion in _out_of_balance(model, parts, loose, external):
+    for part, row, motion in _out_of_balance(model, parts, unsupported, external):
         total = np.where(np.abs(row[:6]) > BALANCE_TOLERANCE * row[6:], row[:6], 0.0)
         force, moment = _show(model, total)
         messages.append(
@@ -92,30 +100,30 @@ def without_equilibrium(
     list of UnsupportedPart
     """
     parts = find_parts(model)
-    wrong = [part for part, _, _ in _out_of_balance(model, parts, find_loose(model, parts, fixed), external)]
+    wrong = [part for part, _, _ in _out_of_balance(model, parts, find_unsupported(model, parts, fixed), external)]
     rows = np.isin(parts.of, [part.part for part in wrong])
     rows = np.repeat(rows[:, None], 3, axis=1)
     return model.unknowns.join(rows), wrong
 
 
-def _out_of_balance(model: Model, parts: Parts, loose: tuple[UnsupportedPart, ...], external: np.ndarray):
+def _out_of_balance(model: Model, parts: Parts, unsupported: tuple[UnsupportedPart, ...], external: np.ndarray):
     """Unsupported parts with unbalanced loads; their forces, moments and the sums of magnitudes; their worst motion.
 
     Returns
     -------
     list of (UnsupportedPart, float64 of shape (12,), int)
     """
-    if not loose:
+    if not unsupported:
         return []
-    which, y = rows_within(model, parts, loose)
+    which, y = rows_within(model, parts, unsupported)
     force = model.unknowns.rows(external)
     modes = modes_at(y)
     terms = modes * force[which >= 0][:, None]
     table = np.zeros((len(which), 12))
     table[which >= 0] = np.concatenate([terms.sum(axis=2), np.abs(terms).sum(axis=2)], axis=1)
-    sums = sum_over_parts(model.comm, Parts(np.maximum(which, 0), len(loose)), which >= 0, table)
+    sums = sum_over_parts(model.comm, Parts(np.maximum(which, 0), len(unsupported)), which >= 0, table)
     found = []
-    for part, row in zip(loose, sums, strict=True):
+    for part, row in zip(unsupported, sums, strict=True):
         work = np.abs(part.motions @ row[:6])
         gross = np.abs(part.motions) @ row[6:]
         if (work > BALANCE_TOLERANCE * gross.max()).any():
@@ -124,18 +132,18 @@ def _out_of_balance(model: Model, parts: Parts, loose: tuple[UnsupportedPart, ..
 
 
 def remove_free_motion(
-    model: Model, parts: Parts, loose: tuple[UnsupportedPart, ...], volume: np.ndarray, u: np.ndarray
+    model: Model, parts: Parts, unsupported: tuple[UnsupportedPart, ...], volume: np.ndarray, u: np.ndarray
 ) -> None:
-    """Take its free motions out of each loose part: their means over the part's volume vanish. Collective.
+    """Take its free motions out of each unsupported part: their means over the part's volume vanish. Collective.
 
     Parameters
     ----------
     volume, u : float64, shape (n_unknowns,), dimensions length^3 and length
         ``u`` is overwritten.
     """
-    if not loose:
+    if not unsupported:
         return
-    which, y = rows_within(model, parts, loose)
+    which, y = rows_within(model, parts, unsupported)
     inside = which >= 0
     weight, rows = model.unknowns.rows(volume)[inside, :1], model.unknowns.rows(u)
     modes = modes_at(y)
@@ -143,9 +151,9 @@ def remove_free_motion(
     for column, (a, b) in enumerate(zip(*PAIRS, strict=True)):
         table[inside, column] = weight[:, 0] * (modes[:, a] * modes[:, b]).sum(axis=1)
     table[inside, 21:] = weight * (modes * rows[inside][:, None]).sum(axis=2)
-    sums = sum_over_parts(model.comm, Parts(np.maximum(which, 0), len(loose)), inside, table)
-    motion = np.zeros((len(loose), 6))
-    for k, part in enumerate(loose):
+    sums = sum_over_parts(model.comm, Parts(np.maximum(which, 0), len(unsupported)), inside, table)
+    motion = np.zeros((len(unsupported), 6))
+    for k, part in enumerate(unsupported):
         gram = symmetric(sums[k, :21])
         amounts = np.linalg.solve(part.motions @ gram @ part.motions.T, part.motions @ sums[k, 21:])
         motion[k] = amounts @ part.motions

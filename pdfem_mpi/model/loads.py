@@ -20,7 +20,7 @@ from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.model.balance import find_unbalanced, remove_free_motion, without_equilibrium
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import combine, free_motions, rigid_gram, rigid_modes
-from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_loose, find_parts
+from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsupported
 from pdfem_mpi.model.selection import select_cells
 from pdfem_mpi.model.supports import prescribe
 from pdfem_mpi.model.tractions import traction_forces
@@ -47,7 +47,7 @@ class LoadCase:
         Products of the rigid modes over the body's volume; empty where no motion is free.
     parts : Parts
         Which unknowns hang together.
-    loose : tuple of UnsupportedPart
+    unsupported : tuple of UnsupportedPart
         Parts with motions of their own that no support holds; empty for a body in one piece.
     held : tuple of three int64 arrays, for each support
         Unknowns that it prescribes along x, y and z.
@@ -69,7 +69,7 @@ class LoadCase:
     free_motions: np.ndarray
     rigid_gram: np.ndarray
     parts: Parts
-    loose: tuple[UnsupportedPart, ...]
+    unsupported: tuple[UnsupportedPart, ...]
     held: tuple[tuple[np.ndarray, ...], ...]
     moves: tuple[bool, ...]
     reach: float
@@ -113,8 +113,8 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
     taken = _on_held(model, external, fixed)
     external[fixed] = 0.0
     free, parts = free_motions(model, fixed), find_parts(model)
-    loose = find_loose(model, parts, fixed) if parts.count > 1 else ()
-    volume = _volume(discretization, model) if len(free) or loose else None
+    unsupported = find_unsupported(model, parts, fixed) if parts.count > 1 else ()
+    volume = _volume(discretization, model) if len(free) or unsupported else None
     case = LoadCase(
         external=external,
         fixed=fixed,
@@ -123,7 +123,7 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
         free_motions=free,
         rigid_gram=rigid_gram(model, volume) if len(free) else np.empty((0, 0)),
         parts=parts,
-        loose=loose,
+        unsupported=unsupported,
         held=held,
         moves=tuple(any((s.x, s.y, s.z)) for s in scene.supports),
         reach=max((abs(a) for s in scene.supports for a in (s.x, s.y, s.z) if a), default=0.0)
@@ -131,7 +131,7 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
         load=_one_way(model, external),
         taken=taken,
     )
-    if messages := find_unbalanced(model, free, parts, loose, external):
+    if messages := find_unbalanced(model, free, parts, unsupported, external):
         raise SceneError(messages)
     return case
 
@@ -195,7 +195,7 @@ def _one_way(model: Model, external: np.ndarray) -> float:
 
 def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
     """Take the free rigid motions out of a displacement: its mean over the volume vanishes, or that of each part that
-    is loose. Collective.
+    is unsupported. Collective.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
         Overwritten.
     """
     if case.parts.count > 1:
-        remove_free_motion(model, case.parts, case.loose, case.volume, u)
+        remove_free_motion(model, case.parts, case.unsupported, case.volume, u)
         return
     if not len(case.free_motions):
         return

@@ -115,7 +115,7 @@ def find_parts(model: Model) -> Parts:
     return Parts(of, len(labels))
 
 
-def find_loose(model: Model, parts: Parts, fixed: np.ndarray) -> tuple[UnsupportedPart, ...]:
+def find_unsupported(model: Model, parts: Parts, fixed: np.ndarray) -> tuple[UnsupportedPart, ...]:
     """Parts that supports do not hold, with the motions left to them. Collective.
 
     Parameters
@@ -179,14 +179,14 @@ def _kept_by_planes(model: Model, parts: Parts) -> np.ndarray:
     return np.concatenate([across, others > 0], axis=1)
 
 
-def describe_loose(parts: Parts, loose: tuple[UnsupportedPart, ...]) -> list[str]:
-    """A line that tells how many parts there are, and one for each of the first loose ones; none for a single part."""
+def describe_unsupported(parts: Parts, unsupported: tuple[UnsupportedPart, ...]) -> list[str]:
+    """A line with the number of parts, and one for each of the first unsupported ones; none for a single part."""
     if parts.count == 1:
         return []
-    held = parts.count - len(loose)
+    held = parts.count - len(unsupported)
     lines = [f"the body is in {parts.count:,} parts that hang together, {held:,} of them held by supports"]
-    lines += [f"  {part.text}: nothing holds {part.names()}" for part in loose[:NAMED]]
-    return lines + ([f"  and {len(loose) - NAMED:,} parts more"] if len(loose) > NAMED else [])
+    lines += [f"  {part.text}: nothing holds {part.names()}" for part in unsupported[:NAMED]]
+    return lines + ([f"  and {len(unsupported) - NAMED:,} parts more"] if len(unsupported) > NAMED else [])
 
 
 def positions(model: Model) -> np.ndarray:
@@ -194,12 +194,12 @@ def positions(model: Model) -> np.ndarray:
     return np.concatenate([*points, *([model.nodes.x[: model.nodes.n_owned]] if model.nodes else [])])
 
 
-def rows_within(model: Model, parts: Parts, loose: tuple[UnsupportedPart, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Index in ``loose`` of each row, -1 elsewhere, and positions of the rows inside from their part's centre."""
+def rows_within(model: Model, parts: Parts, unsupported: tuple[UnsupportedPart, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Index in ``unsupported`` of each row, -1 elsewhere, and positions of the rows inside from their part's centre."""
     index = np.full(parts.count, -1)
-    index[[part.part for part in loose]] = np.arange(len(loose))
+    index[[part.part for part in unsupported]] = np.arange(len(unsupported))
     which = index[parts.of]
-    centres = np.array([part.centre for part in loose])
+    centres = np.array([part.centre for part in unsupported])
     return which, positions(model)[which >= 0] - centres[which[which >= 0]]
 
 

@@ -135,7 +135,7 @@ def choose_start(out: Path, resume: str, overwrite: bool) -> Start:
     Refused
         The folder holds a run that must not be touched, or no checkpoint can be used.
     """
-    from pdfem_mpi.results.checkpoint import list_checkpoints
+    from pdfem_mpi.results.checkpoint_files import list_checkpoints
 
     named = resume not in (AUTO, NEVER, CONTINUE)
     if overwrite and named:
@@ -177,7 +177,8 @@ def choose_start(out: Path, resume: str, overwrite: bool) -> Start:
 
 def _start_from(out: Path, path: Path) -> Start:
     """A checkpoint that was asked for by name; results go on only if it belongs to this folder."""
-    from pdfem_mpi.results.checkpoint import Invalid, check, list_checkpoints
+    from pdfem_mpi.results.checkpoint import Invalid, check
+    from pdfem_mpi.results.checkpoint_files import list_checkpoints
 
     try:
         header = check(path)
@@ -522,7 +523,8 @@ class Keeper:
 
     def _open(self, header: dict[str, Any], state: State):
         """Bring results to the disk, note how far they are, and open the file. On rank 0."""
-        from pdfem_mpi.results.checkpoint import Writer, checkpoint_path, list_checkpoints
+        from pdfem_mpi.results.checkpoint import Writer
+        from pdfem_mpi.results.checkpoint_files import checkpoint_path, list_checkpoints
 
         faults.begin("flush")
         header["results"] = self._flush()
@@ -534,7 +536,7 @@ class Keeper:
         return Writer(path, tables, job_name())
 
     def _rotate(self) -> None:
-        from pdfem_mpi.results.checkpoint import rotate
+        from pdfem_mpi.results.checkpoint_files import rotate
 
         self._number += 1
         with contextlib.suppress(OSError):
@@ -543,7 +545,7 @@ class Keeper:
 
 def take_over(start: Start, folder: Path) -> None:
     """Clean the folder of checkpoints for a run that goes on: torn files go, newer ones not used step aside."""
-    from pdfem_mpi.results.checkpoint import remove_stale
+    from pdfem_mpi.results.checkpoint_files import remove_stale
 
     remove_stale(folder)
     for path, fate in start.passed:

@@ -33,7 +33,7 @@ from pdfem_mpi.measure.line import Line, measure_line
 from pdfem_mpi.model.forces import Forces, NotFinite
 from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import Model, build_model
-from pdfem_mpi.model.parts import describe_loose
+from pdfem_mpi.model.parts import describe_unsupported
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import NotWritten, agree, broadcast, largest, node_communicator, on_root, sum_integers
 from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests, place_of
@@ -347,11 +347,11 @@ class _Run:
         tell = self.reporter.line
         for text in discretization.notes:
             tell(f"mesh: {text}")
-        for text in describe_loose(case.parts, case.loose):
+        for text in describe_unsupported(case.parts, case.unsupported):
             tell(text)
         if not np.isnan(case.taken).all():
             tell(_describe_taken(case.taken * discretization.units.force, scene.units.force))
-        self.parts = {"count": case.parts.count, "not_held": len(case.loose)}
+        self.parts = {"count": case.parts.count, "not_held": len(case.unsupported)}
         keeper = Keeper(scene, discretization, forces, failure, self.out, self._flush, tell, start, self.started)
         pauses = StopRequests(comm, self.ways.requests, keeper, scene.checkpoint, self.ways.end)
         with _phase(self.seconds, "setup"), large_arrays_apart(APART_BESIDE_BONDS):

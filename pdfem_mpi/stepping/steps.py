@@ -12,7 +12,7 @@ from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.model.balance import without_equilibrium
 from pdfem_mpi.model.loads import LoadCase, remove_rigid_motion
 from pdfem_mpi.model.model import Model
-from pdfem_mpi.model.parts import find_loose, find_parts
+from pdfem_mpi.model.parts import find_parts, find_unsupported
 from pdfem_mpi.model.state import State
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.convergence import NotConverged
@@ -62,10 +62,10 @@ def _in_pieces(model: Model, case: LoadCase, failure: Failure | None, factor: fl
     if failure is None or not failure.count:
         return NotConverged(reason)
     parts = find_parts(model)
-    loose = find_loose(model, parts, case.fixed) if parts.count > 1 else ()
-    if loose:
-        more = f", and {len(loose) - 1:,} parts more" if len(loose) > 1 else ""
-        reason = f"parts of the body came loose, {loose[0].text}{more}."
+    unsupported = find_unsupported(model, parts, case.fixed) if parts.count > 1 else ()
+    if unsupported:
+        more = f", and {len(unsupported) - 1:,} parts more" if len(unsupported) > 1 else ""
+        reason = f"parts of the body came loose, {unsupported[0].text}{more}."
     return NotConverged(
         f"at load factor {factor:.6g}, after {failure.count:,} broken bonds, no equilibrium was found: {reason} Use "
         'smaller steps, or follow failure from break to break: stepping.kind = "events" with solver.kind = "cg".'
