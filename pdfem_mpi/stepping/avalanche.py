@@ -90,14 +90,9 @@ class Avalanche:
             ledger.tangent.linearise(state.u, ledger.forces.bounds.bond)
         goal = SAFETY * (program["goal"] or arrest.LOOSE) * ledger.reference
         try:
+            tangent, preconditioner = ledger.tangent, ledger.solve.preconditioner
             first, last = cg.improve(
-                ledger.tangent,
-                ledger.residual,
-                case.fixed,
-                goal,
-                max(sweeps, 1),
-                ledger.solve.preconditioner,
-                self.step,
+                tangent, ledger.residual, case.fixed, goal, max(sweeps, 1), preconditioner, self.step
             )
         except (Breakdown, NotFinite) as error:
             ledger.count()
@@ -135,7 +130,7 @@ class Avalanche:
         program["released"] += fraction * first - 0.5 * fraction * fraction * (first - last)
 
     def _let_go(self) -> bool:
-        """Something runs away under a constant force: loose parts lose their loads; whether there are any."""
+        """Something runs away under a constant force: unsupported parts lose their loads; whether there are any."""
         ledger = self.ledger
         ledger.state.program["fragments"] = ledger.state.program["fresh"] = 1.0
         return ledger.take_loads_off()
@@ -144,9 +139,8 @@ class Avalanche:
         """Relax until the state is in equilibrium; the table of the forces is left at it."""
         ledger = self.ledger
         program, tolerance = ledger.state.program, ledger.settings.arrest_tolerance
-        looks = (
-            ledger.settings.control == "energy" and not ledger.finite
-        )  # else looked at before, or bracketed afterwards
+        # under load control it was looked at before, in finite kinematics it is bracketed afterwards
+        looks = ledger.settings.control == "energy" and not ledger.finite
         while not program["apart"] and not program["adrift"]:
             if _is_settled(ledger) if looks else program["relative"] <= tolerance:
                 return
