@@ -73,7 +73,7 @@ def material_table(scene: Scene) -> MaterialTable:
         names=tuple(materials),
         youngs_modulus=np.array([material.youngs_modulus for material in materials.values()]) / unit,
         poissons_ratio=np.array([material.poissons_ratio for material in materials.values()]),
-        bond_modulus=np.array([[held[0].youngs_modulus for held in row] for row in bond_materials(scene)]) / unit,
+        bond_modulus=np.array([[of_bond[0].youngs_modulus for of_bond in row] for row in bond_materials(scene)]) / unit,
     )
 
 
@@ -92,8 +92,8 @@ def bond_stretches(scene: Scene, internal_length: float, cutoff_ratio: float) ->
     float64, shape (n_materials, n_materials), dimension 1
     """
 
-    def weakest(held: tuple[Material, ...]) -> float:
-        stretches = (material.stretch_at_failure(internal_length, cutoff_ratio) for material in held)
+    def weakest(of_bond: tuple[Material, ...]) -> float:
+        stretches = (material.stretch_at_failure(internal_length, cutoff_ratio) for material in of_bond)
         return min((s for s in stretches if s is not None), default=np.inf)
 
-    return np.array([[weakest(held) for held in row] for row in bond_materials(scene)])
+    return np.array([[weakest(of_bond) for of_bond in row] for row in bond_materials(scene)])

@@ -122,20 +122,26 @@ def measure_bar(
     switches = np.flatnonzero(of_points[1:] != of_points[:-1])
     overlap = None
     if len(switches):
-        of_elements = discretization.is_overlap & ~discretization.is_peridynamic
-        shared = np.array([of_elements[layer == k].any() for k in range(n)])
-        first = switches[0] if shared[switches[0]] else switches[0] + 1
-        last = first
-        while first > 0 and shared[first - 1]:
-            first -= 1
-        while last + 1 < n and shared[last + 1]:
-            last += 1
+        first, last = _first_overlap(discretization, layer, switches[0])
         overlap = (float(reach[first - 1]) if first else float(mesh.lower[axis]), float(reach[last]))
     interfaces = tuple(reach[switches].tolist())
     moduli_change = reach[:-1][changes(strain)]
     return Bar(
         coordinate, displacement, exact, strain, float(ends[-1]), moduli_change, of_points, lateral, interfaces, overlap
     )
+
+
+def _first_overlap(discretization: Discretization, layer: np.ndarray, switch: int) -> tuple[int, int]:
+    """First and last layer of cells of the overlap at the interface after layer ``switch``; ``layer``, (n_cells,)."""
+    n = int(layer.max()) + 1
+    of_elements = discretization.is_overlap & ~discretization.is_peridynamic
+    shared = np.array([of_elements[layer == k].any() for k in range(n)])
+    first = last = switch if shared[switch] else switch + 1
+    while first > 0 and shared[first - 1]:
+        first -= 1
+    while last + 1 < n and shared[last + 1]:
+        last += 1
+    return first, last
 
 
 def changes(strain: np.ndarray) -> np.ndarray:

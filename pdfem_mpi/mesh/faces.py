@@ -9,10 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.mesh.hexmesh import FACES, HexMesh
-
-#: Bad faces that a message lists.
-LISTED = 3
+from pdfem_mpi.mesh.hexmesh import FACES, LISTED, HexMesh, list_cells
 
 
 @dataclass(frozen=True)
@@ -60,8 +57,9 @@ def match_faces(mesh: HexMesh, chosen: np.ndarray) -> Faces:
     if (count > 2).any():
         bad = np.flatnonzero(count[group] > 2)
         messages.append(
-            f"mesh: {np.count_nonzero(count > 2)} faces belong to more than two cells, the first of cell "
-            f"{_places(mesh, cells[bad // 6])}: the boundary is not closed there. Merge or remove cells that overlap."
+            f"mesh: {np.count_nonzero(count > 2)} faces belong to more than two cells, the first of "
+            f"cell {list_cells(mesh, cells[bad // 6])}: the boundary is not closed there. Merge or remove cells that "
+            "overlap."
         )
     first = order[np.flatnonzero(fresh)]
     pairs = np.flatnonzero(count == 2)
@@ -70,7 +68,7 @@ def match_faces(mesh: HexMesh, chosen: np.ndarray) -> Faces:
     if turned.any():
         messages.append(
             f"mesh: {np.count_nonzero(turned)} faces are seen from the same side by both of their cells, the first by "
-            f"cell {_places(mesh, cells[one[turned] // 6])}: one of each is inside out. Give its nodes in VTK order."
+            f"cell {list_cells(mesh, cells[one[turned] // 6])}: one of each is inside out. Give its nodes in VTK order."
         )
     if messages:
         raise SceneError(messages)
@@ -93,7 +91,7 @@ def refuse_pieces(mesh: HexMesh, faces: Faces) -> None:
     raise SceneError(
         [
             f'peridynamics.surface_correction = "fitted" fits bodies that hang together, and the cells with bonds '
-            f"form {n_pieces} pieces that share no face; the smaller ones begin with cell {_places(mesh, starts)}. "
+            f"form {n_pieces} pieces that share no face; the smaller ones begin with cell {list_cells(mesh, starts)}. "
             'Let them touch, simulate them one by one, or use "virial".'
         ]
     )
@@ -137,12 +135,6 @@ def outer_faces(faces: Faces, body: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     outer = np.sort(np.concatenate([faces.alone, faces.one[between], faces.two[between]]))
     outer = outer[number[outer // 6] >= 0]
     return faces.cells[outer // 6], outer % 6
-
-
-def _places(mesh: HexMesh, cells: np.ndarray) -> str:
-    return ", ".join(
-        f"{cell} at ({', '.join(f'{c:.6g}' for c in mesh.centroids[cell])})" for cell in np.unique(cells)[:LISTED]
-    )
 
 
 def _same_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:

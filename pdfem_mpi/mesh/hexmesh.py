@@ -14,6 +14,10 @@ import numpy as np
 POSITION_TOLERANCE = 1e-6
 #: Local nodes of the six faces of a hexahedron (VTK order), seen from outside counter-clockwise.
 FACES = np.array([(0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)])
+#: Local nodes of the twelve edges: around the lower face, around the upper one, and between them.
+EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+#: Cells that a message names, at most.
+LISTED = 3
 
 
 @dataclass(frozen=True)
@@ -96,22 +100,8 @@ class HexMesh:
         return math.fsum(edges.reshape(-1)) / edges.size
 
     def _edges(self) -> np.ndarray:
-        pairs = (
-            (0, 1),
-            (1, 2),
-            (2, 3),
-            (3, 0),
-            (4, 5),
-            (5, 6),
-            (6, 7),
-            (7, 4),
-            (0, 4),
-            (1, 5),
-            (2, 6),
-            (3, 7),
-        )
         corners = self.nodes[self.cells]
-        return np.stack([np.linalg.norm(corners[:, a] - corners[:, b], axis=1) for a, b in pairs])
+        return np.stack([np.linalg.norm(corners[:, a] - corners[:, b], axis=1) for a, b in EDGES])
 
     def cells_in_box(self, lower, upper) -> np.ndarray:
         """Cells whose centroid lies in a closed box; None for a corner sets no limit there.
@@ -150,38 +140,6 @@ class HexMesh:
         cell, side = np.nonzero(on)
         return cell, self.cells[cell[:, None], FACES[side]]
 
-    def cells_near_face(self, face: str, layers: int) -> np.ndarray:
-        """Cells of the first ``layers`` layers beneath a plane of the bounding box.
-
-        The first layer are the cells with a face on the plane, each next one the cells that share a node with it.
-
-        Returns
-        -------
-        bool, shape (n_cells,)
-        """
-        return self.cells_beneath(self.faces_on_face(face)[0], layers)
-
-    def cells_beneath(self, first: np.ndarray, layers: int) -> np.ndarray:
-        """Some cells, and further layers of cells that share a node with the one before.
-
-        Parameters
-        ----------
-        first : int64, shape (n,)
-            Numbers of the cells of the first layer.
-
-        Returns
-        -------
-        bool, shape (n_cells,)
-        """
-        chosen = np.zeros(len(self.cells), bool)
-        chosen[first] = True
-        for _ in range(layers - 1):
-            wider = self.neighbours(chosen)
-            if np.array_equal(wider, chosen):  # all that hang together: a deck may ask for far more layers
-                break
-            chosen = wider
-        return chosen
-
     @cached_property
     def boundary(self) -> tuple[np.ndarray, np.ndarray]:
         """Faces that belong to one cell only, in the order of cells.
@@ -209,6 +167,20 @@ class HexMesh:
         touched = np.zeros(len(self.nodes), bool)
         touched[self.cells[chosen]] = True
         return touched[self.cells].any(axis=1)
+
+
+def list_cells(mesh: HexMesh, cells: np.ndarray) -> str:
+    """The first few of some cells and where they are.
+
+    Parameters
+    ----------
+    cells : int64, shape (n,), or bool, shape (n_cells,)
+        Numbers of the cells in any order, or which they are.
+    """
+    numbers = np.flatnonzero(cells) if cells.dtype == bool else np.unique(cells)
+    return ", ".join(
+        f"{cell} at ({', '.join(f'{c:.6g}' for c in mesh.centroids[cell])})" for cell in numbers[:LISTED]
+    )
 
 
 def equal_rows(rows: np.ndarray) -> np.ndarray:

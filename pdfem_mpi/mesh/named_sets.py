@@ -12,6 +12,7 @@ import numpy as np
 
 from pdfem_mpi.deck.table import SceneError, did_you_mean, show
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh, equal_rows
+from pdfem_mpi.mesh.layers import cells_beneath
 
 #: Kinds that serve each purpose, in order of preference; in words for messages.
 KINDS = {
@@ -110,7 +111,7 @@ def cells_of(mesh: HexMesh, entry, where: str) -> np.ndarray:
     kind = kind_of(mesh, entry.set, purpose_of(entry), f"{where}.set")
     if kind == "cell_sets":
         return cells(mesh, entry.set)
-    return mesh.cells_beneath(faces(mesh, entry.set, kind, f"{where}.set")[0], entry.layers)
+    return cells_beneath(mesh, faces(mesh, entry.set, kind, f"{where}.set")[0], entry.layers)
 
 
 def faces_of(mesh: HexMesh, entry, where: str) -> tuple[np.ndarray, np.ndarray]:

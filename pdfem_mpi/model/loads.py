@@ -7,33 +7,25 @@ so every rank finds the same bits.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.deck.loads import BodyForce, Traction
+from pdfem_mpi.deck.loads import BodyForce
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_volumes
 from pdfem_mpi.kernels.simd import W
-from pdfem_mpi.mesh import named_sets
-from pdfem_mpi.mesh.rigid_motions import write_rigid_motion
+from pdfem_mpi.model.balance import find_unbalanced, remove_free_motion, without_equilibrium
 from pdfem_mpi.model.model import Model
-from pdfem_mpi.model.parts import Loose, Parts, find_loose, find_parts, settle, unbalanced, without_equilibrium
-from pdfem_mpi.model.unknowns import by_component, cluster_layout
-from pdfem_mpi.parallel.comm import sum_integers
+from pdfem_mpi.model.motions import combine, free_motions, rigid_gram, rigid_modes
+from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsupported
+from pdfem_mpi.model.selection import select_cells
+from pdfem_mpi.model.supports import prescribe
+from pdfem_mpi.model.tractions import traction_forces
+from pdfem_mpi.model.unknowns import cluster_layout
 from pdfem_mpi.parallel.sums import exact_dots
-from pdfem_mpi.peridynamics.fit.areas import face_shares
-
-#: Loads work on a free rigid motion when this fraction of their absolute work is left over.
-BALANCE_TOLERANCE = 1e-9
-#: A rigid motion is free when the supports keep less than this fraction of what they keep of the best held one.
-HELD = 1e-9
-
-_FACE_POINTS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / math.sqrt(3.0)
-_FACE_NODES = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
 
 
 @dataclass(frozen=True)
@@ -55,7 +47,7 @@ class LoadCase:
         Products of the rigid modes over the body's volume; empty where no motion is free.
     parts : Parts
         Which unknowns hang together.
-    loose : tuple of Loose
+    unsupported : tuple of UnsupportedPart
         Parts with motions of their own that no support holds; empty for a body in one piece.
     held : tuple of three int64 arrays, for each support
         Unknowns that it prescribes along x, y and z.
@@ -77,7 +69,7 @@ class LoadCase:
     free_motions: np.ndarray
     rigid_gram: np.ndarray
     parts: Parts
-    loose: tuple[Loose, ...]
+    unsupported: tuple[UnsupportedPart, ...]
     held: tuple[tuple[np.ndarray, ...], ...]
     moves: tuple[bool, ...]
     reach: float
@@ -95,21 +87,9 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
         loads that are not in balance along a motion no support holds.
     """
     messages: list[str] = []
-    on_cells = np.zeros((len(discretization.mesh.cells), 3))  # body force density
-    on_nodes = np.zeros((len(discretization.nodes), 3))
-    on_points = np.zeros((len(discretization.mesh.cells), 8, 3))  # forces
     fitted = scene.peridynamics.surface_correction == "fitted"
-    for index, load in enumerate(scene.loads):
-        try:
-            if isinstance(load, BodyForce):
-                on_cells += _density(discretization, load, f"loads.{index}", scene)
-            else:
-                nodal, of_points = _traction(discretization, load, f"loads.{index}", fitted)
-                on_nodes += nodal
-                on_points += of_points
-        except SceneError as error:
-            messages += error.messages
-    prescription = _prescriptions(scene, discretization, messages)
+    on_cells, on_nodes, on_points = _sum_loads(scene, discretization, fitted, messages)
+    prescription = prescribe(scene, discretization, messages)
     if messages:
         raise SceneError(messages)
 
@@ -133,17 +113,17 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
     taken = _on_held(model, external, fixed)
     external[fixed] = 0.0
     free, parts = free_motions(model, fixed), find_parts(model)
-    loose = find_loose(model, parts, fixed) if parts.count > 1 else ()
-    volume = _volume(discretization, model) if len(free) or loose else None
+    unsupported = find_unsupported(model, parts, fixed) if parts.count > 1 else ()
+    volume = _volume(discretization, model) if len(free) or unsupported else None
     case = LoadCase(
         external=external,
         fixed=fixed,
         prescribed=prescribed,
         volume=volume,
         free_motions=free,
-        rigid_gram=_gram(model, volume, rigid_modes(model)) if len(free) else np.empty((0, 0)),
+        rigid_gram=rigid_gram(model, volume) if len(free) else np.empty((0, 0)),
         parts=parts,
-        loose=loose,
+        unsupported=unsupported,
         held=held,
         moves=tuple(any((s.x, s.y, s.z)) for s in scene.supports),
         reach=max((abs(a) for s in scene.supports for a in (s.x, s.y, s.z) if a), default=0.0)
@@ -151,13 +131,38 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
         load=_one_way(model, external),
         taken=taken,
     )
-    _check_balance(model, case)
-    if messages := unbalanced(model, parts, loose, external):
+    if messages := find_unbalanced(model, free, parts, unsupported, external):
         raise SceneError(messages)
     return case
 
 
-def without_loads_on_loose_parts(model: Model, case: LoadCase) -> tuple[LoadCase, list[Loose]]:
+def _sum_loads(
+    scene: Scene, discretization: Discretization, fitted: bool, messages: list[str]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """All loads of the deck, model units; what is wrong with them is added to ``messages``.
+
+    Returns
+    -------
+    float64, shapes (n_cells, 3), (n_mesh_nodes, 3) and (n_cells, 8, 3)
+        Body force per volume of the cells, forces on nodes, and on the points of cells.
+    """
+    on_cells = np.zeros((len(discretization.mesh.cells), 3))
+    on_nodes = np.zeros((len(discretization.nodes), 3))
+    on_points = np.zeros((len(discretization.mesh.cells), 8, 3))
+    for index, load in enumerate(scene.loads):
+        try:
+            if isinstance(load, BodyForce):
+                on_cells += _density(discretization, load, f"loads.{index}", scene)
+            else:
+                nodal, of_points = traction_forces(discretization, load, f"loads.{index}", fitted)
+                on_nodes += nodal
+                on_points += of_points
+        except SceneError as error:
+            messages += error.messages
+    return on_cells, on_nodes, on_points
+
+
+def without_loads_on_loose_parts(model: Model, case: LoadCase) -> tuple[LoadCase, list[UnsupportedPart]]:
     """The load case less the loads of parts that no equilibrium holds now; those parts. Collective."""
     rows, parts = without_equilibrium(model, case.fixed, case.external)
     external = np.where(rows, 0.0, case.external)
@@ -175,9 +180,9 @@ def _volume(discretization: Discretization, model: Model) -> np.ndarray:
 def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """Sums along x, y and z of forces on held unknowns, NaN where no load is; float64, shape (3,). Collective."""
     along, force = model.unknowns.components()[fixed], external[fixed]
-    parts = [np.where(along == d, force, 0.0) for d in range(3)]
+    sides = [np.where(along == d, force, 0.0) for d in range(3)]
     ones = np.ones_like(force)
-    sums = exact_dots(model.comm, [(values, ones) for part in parts for values in (part, np.abs(part))]).reshape(3, 2)
+    sums = exact_dots(model.comm, [(values, ones) for side in sides for values in (side, np.abs(side))]).reshape(3, 2)
     return np.where(sums[:, 1] > 0.0, sums[:, 0], np.nan)
 
 
@@ -188,42 +193,9 @@ def _one_way(model: Model, external: np.ndarray) -> float:
     return max(math.sqrt(x * x + y * y + z * z) for x, y, z in sums.tolist())
 
 
-def rigid_modes(model: Model, u: np.ndarray | None = None) -> Iterator[np.ndarray]:
-    """Yield three translations and three rotations about the origin of the body displaced by ``u``; (n_unknowns,)."""
-    unknowns, places = model.unknowns, []
-    if model.points:
-        places.append((lambda v: by_component(unknowns.of_points(v)), by_component(unknowns.of_points(model.points.x))))
-    if model.nodes:
-        places.append((unknowns.of_nodes, model.nodes.x[: model.nodes.n_owned]))
-    if u is not None:
-        places = [(part, x + part(u)) for part, x in places]
-    for k in range(6):
-        mode = np.zeros(model.n_unknowns)
-        for part, x in places:
-            write_rigid_motion(x, k, part(mode))
-        yield mode
-
-
-def free_motions(model: Model, fixed: np.ndarray) -> np.ndarray:
-    """Combinations of the rigid modes that move neither fixed unknowns nor mirror planes, (n_modes, 6). Collective."""
-    kept = model.mirrors.kept_motions
-    if not sum_integers(model.comm, np.array([np.count_nonzero(fixed)]))[0]:
-        return np.eye(6)[kept]
-    held = [mode[fixed] for mode in rigid_modes(model)]
-    whole = exact_dots(model.comm, ((mode, mode) for mode in rigid_modes(model)))
-    scale = 1.0 / np.sqrt(np.maximum(whole, 1e-300))
-    gram = np.zeros((6, 6))
-    gram[np.tril_indices(6)] = exact_dots(model.comm, ((a, b) for i, a in enumerate(held) for b in held[: i + 1]))
-    gram = np.tril(gram) + np.tril(gram, -1).T
-    values, vectors = np.linalg.eigh((scale[:, None] * gram * scale)[np.ix_(kept, kept)])
-    free = np.zeros((np.count_nonzero(values <= HELD * values.max(initial=0.0)), 6))
-    free[:, kept] = vectors[:, values <= HELD * values.max(initial=0.0)].T
-    return free * scale
-
-
 def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
     """Take the free rigid motions out of a displacement: its mean over the volume vanishes, or that of each part that
-    is loose. Collective.
+    is unsupported. Collective.
 
     Parameters
     ----------
@@ -231,93 +203,19 @@ def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
         Overwritten.
     """
     if case.parts.count > 1:
-        settle(model, case.parts, case.loose, case.volume, u)
+        remove_free_motion(model, case.parts, case.unsupported, case.volume, u)
         return
     if not len(case.free_motions):
         return
     weighted = case.volume * u
     work = exact_dots(model.comm, ((weighted, mode) for mode in rigid_modes(model)))
     motions = case.free_motions
-    u -= _combined(model, np.linalg.solve(motions @ case.rigid_gram @ motions.T, motions @ work) @ motions)
-
-
-def _gram(model: Model, weight: np.ndarray, modes: Iterable[np.ndarray]) -> np.ndarray:
-    """Products ``sum weight a b`` of vectors over the unknowns, symmetric. Collective."""
-    vectors = list(modes)
-    pairs = ((weight * a, b) for i, a in enumerate(vectors) for b in vectors[: i + 1])
-    gram = np.zeros((len(vectors), len(vectors)))
-    gram[np.tril_indices(len(vectors))] = exact_dots(model.comm, pairs)
-    return gram + np.tril(gram, -1).T
-
-
-def _combined(model: Model, motion: np.ndarray) -> np.ndarray:
-    """A combination of the rigid modes, summed in their order, shape (n_unknowns,)."""
-    result = np.zeros(model.n_unknowns)
-    for amount, mode in zip(motion, rigid_modes(model), strict=True):
-        if amount:
-            result += amount * mode
-    return result
-
-
-def _check_balance(model: Model, case: LoadCase) -> None:
-    if not len(case.free_motions):
-        return
-
-    def works():
-        for motion in case.free_motions:
-            mode = _combined(model, motion)
-            yield case.external, mode
-            yield np.abs(case.external), np.abs(mode)
-
-    net, gross = exact_dots(model.comm, works()).reshape(-1, 2).T
-    if (np.abs(net) <= BALANCE_TOLERANCE * gross.max()).all():
-        return
-    worst = int(np.argmax(np.abs(net)))
-    force = exact_dots(model.comm, ((case.external, mode) for mode in rigid_modes(model)))
-    units = model.units
-    net_force = ", ".join(f"{f:.6g}" for f in force[:3] * units.force)
-    net_moment = ", ".join(f"{m:.6g}" for m in force[3:] * units.force * units.length)
-    raise SceneError(
-        [
-            f"loads are not in balance: their sum is a force of ({net_force}) and a moment of ({net_moment}) about the "
-            f"centre of the body, and no support holds {_describe(case.free_motions[worst])}. Balance the loads, "
-            "or add a table [[supports]]."
-        ]
-    )
-
-
-def _describe(motion: np.ndarray) -> str:
-    """The motion by name: a rotation wherever it has a part in it, since a lever arm looks like a translation."""
-    translation, rotation = np.abs(motion).reshape(2, 3)
-    if rotation.max() > 1e-6 * translation.max():
-        return f"the rotation about {'xyz'[int(np.argmax(rotation))]}"
-    return f"the translation along {'xyz'[int(np.argmax(translation))]}"
-
-
-def _select_cells(discretization: Discretization, entry, where: str, scene: Scene) -> np.ndarray:
-    """Cells a load or support speaks of; bool, shape (n_cells,)."""
-    mesh = discretization.mesh
-    if entry.region is not None:
-        names = [region.name for region in scene.regions]
-        chosen = discretization.region == names.index(entry.region)
-    elif entry.face is not None:
-        chosen = mesh.cells_near_face(entry.face, entry.layers)
-    elif entry.set is not None:
-        chosen = named_sets.cells_of(mesh, entry, where)
-    else:
-        chosen = mesh.cells_in_box(entry.lower, entry.upper)
-    if not chosen.any() and entry.set is None:
-        raise SceneError(
-            [
-                f"{where} selects no cell of the mesh, whose cells are {mesh.largest_edge:.6g} wide. Widen its box."
-            ]
-        )
-    return chosen
+    u -= combine(model, np.linalg.solve(motions @ case.rigid_gram @ motions.T, motions @ work) @ motions)
 
 
 def _density(discretization: Discretization, load: BodyForce, where: str, scene: Scene) -> np.ndarray:
     """Body force per volume on each cell, shape (n_cells, 3), model units."""
-    chosen = _select_cells(discretization, load, where, scene)
+    chosen = select_cells(discretization, load, where, scene)
     units = discretization.units
     if load.density is not None:
         density = np.array(load.density) * (units.length / units.stress)
@@ -325,140 +223,6 @@ def _density(discretization: Discretization, load: BodyForce, where: str, scene:
         corners = discretization.nodes[discretization.mesh.cells[chosen]]
         density = np.array(load.total) / units.force / math.fsum(gauss_volumes(corners).reshape(-1))
     return np.where(chosen[:, None], density, 0.0)
-
-
-def _traction(
-    discretization: Discretization, load: Traction, where: str, fitted: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Forces of a traction: on nodes (n_mesh_nodes, 3), and on the points of free cells (n_cells, 8, 3); model units.
-
-    Points take ``int L_i dA`` of their cell's face, as in the equilibrium that fitted bond factors are made for.
-    """
-    if load.set is None:
-        (cells, faces), key, name = discretization.mesh.faces_on_face(load.face), "face", load.face
-    else:
-        (cells, faces), key, name = named_sets.faces_of(discretization.mesh, load, where), "set", load.set
-    of_points = discretization.has_points[cells] & ~discretization.is_overlap[cells]
-    if discretization.has_points[cells].any() and (not fitted or (load.nodal == "equal" and of_points.any())):
-        count = np.count_nonzero(discretization.has_points[cells])
-        reason, remedy = "a traction gives no force (sec. 2.2)", f'Use kind = "body_force" with {key} = "{name}".'
-        if fitted:
-            reason, remedy = "there are no nodes to share it equally", 'Use nodal = "consistent".'
-        raise SceneError(
-            [
-                f"{where}.{key} = {name} has {count} of {len(cells)} faces on peridynamic cells, where {reason}. "
-                f"{remedy}"
-            ]
-        )
-    corners = discretization.nodes[faces]
-    flat = np.ptp(corners, axis=1) <= discretization.mesh.tolerance / discretization.units.length
-    mirrored = (flat & discretization.plane_components[faces].all(axis=1)).any(axis=1)
-    if mirrored.any():
-        raise SceneError(
-            [
-                f"{where}.{key} = {name} has {np.count_nonzero(mirrored)} of {len(faces)} faces on a mirror plane "
-                "(mesh.symmetry), which lies inside of the whole body. Pull elsewhere, or remove the mirror."
-            ]
-        )
-    areas = np.zeros(len(faces))
-    nodal = np.zeros((len(discretization.nodes), 3))
-    shares = np.zeros((len(faces), 4))
-    for r, s in _FACE_POINTS:
-        shape = (1 + _FACE_NODES[:, 0] * r) * (1 + _FACE_NODES[:, 1] * s) / 4
-        along_r, along_s = np.zeros((len(faces), 3)), np.zeros((len(faces), 3))
-        for a in range(4):
-            along_r += _FACE_NODES[a, 0] * (1 + _FACE_NODES[a, 1] * s) / 4 * corners[:, a]
-            along_s += _FACE_NODES[a, 1] * (1 + _FACE_NODES[a, 0] * r) / 4 * corners[:, a]
-        normal = np.cross(along_r, along_s)
-        area = np.sqrt(normal[:, 0] ** 2 + normal[:, 1] ** 2 + normal[:, 2] ** 2)
-        areas += area
-        shares += shape * area[:, None]
-    units = discretization.units
-    whole = math.fsum(areas)
-    if load.traction is not None:
-        traction = np.array(load.traction) / units.stress
-    else:
-        traction = np.array(load.total) / units.force / whole
-    on_points = np.zeros((len(discretization.mesh.cells), 8, 3))
-    if load.nodal == "equal":
-        nodes = np.unique(faces)
-        # a node on a mirror plane is shared with the other side
-        share = 0.5 ** np.count_nonzero(discretization.plane_components[nodes], axis=1)
-        nodal[nodes] = share[:, None] * (traction * whole / share.sum())
-    else:
-        for a in range(4):
-            np.add.at(nodal, faces[~of_points, a], shares[~of_points, a, None] * traction)
-        mesh = discretization.mesh
-        shares_of_points = face_shares(mesh, discretization.nodes, cells[of_points], faces[of_points])
-        on_points[cells[of_points]] = shares_of_points[:, :, None] * traction
-    return nodal, on_points
-
-
-def _prescriptions(scene: Scene, discretization: Discretization, messages: list[str]):
-    """Prescribed displacements, model units, and the supports that prescribe them; NaN where free.
-
-    Both for the points of cells (n_cells, 3) and for nodes (n_mesh_nodes, 3).
-    """
-    mesh = discretization.mesh
-    on_cells = np.full((len(mesh.cells), 3), np.nan)
-    on_nodes = np.full((len(mesh.nodes), 3), np.nan)
-    by_cells, by_nodes = on_cells.copy(), on_nodes.copy()
-    mirrored = discretization.plane_components
-    for index, support in enumerate(scene.supports):
-        where = f"supports.{index}"
-        try:
-            cells = _select_cells(discretization, support, where, scene)
-        except SceneError as error:
-            messages += error.messages
-            continue
-        nodes = np.zeros(len(mesh.nodes), bool)
-        nodes[mesh.cells[cells & discretization.has_nodes]] = True
-        if support.face is not None:
-            nodes &= mesh.nodes_on_face(support.face)
-        if support.set is not None:
-            nodes, stray = _nodes_of_set(discretization, support, where, cells)
-            messages += stray
-        for d, amount in enumerate((support.x, support.y, support.z)):
-            if amount is None:
-                continue
-            displacement = amount / discretization.units.length
-            through = np.count_nonzero(nodes & mirrored[:, d])
-            if through and amount:
-                messages.append(
-                    f"{where}.{'xyz'[d]} = {amount:.6g} moves {through} nodes out of a mirror plane (mesh.symmetry). "
-                    "Keep the support off the plane, or remove the mirror."
-                )
-            for table, holder, chosen in (
-                (on_cells, by_cells, cells & ~discretization.has_nodes),
-                (on_nodes, by_nodes, nodes),
-            ):
-                other = chosen & ~np.isnan(table[:, d]) & (table[:, d] != displacement)
-                if other.any():
-                    before = table[np.flatnonzero(other)[0], d] * discretization.units.length
-                    messages.append(
-                        f"{where}.{'xyz'[d]} = {amount:.6g} contradicts {before:.6g}, prescribed by an earlier support "
-                        f"at {np.count_nonzero(other)} of the same places. Keep one of them."
-                    )
-                table[chosen, d] = displacement
-                holder[chosen, d] = index
-    on_nodes[mirrored] = 0.0
-    return (on_cells, on_nodes), (by_cells, by_nodes)
-
-
-def _nodes_of_set(discretization: Discretization, support, where: str, cells: np.ndarray):
-    """Nodes of elements that a support's set holds, bool, (n_nodes,), and what it holds where nothing can be."""
-    mesh = discretization.mesh
-    wanted = named_sets.nodes_of(mesh, support, where)
-    chosen = wanted & (discretization.node_number >= 0)
-    wanted[mesh.cells[cells]] = False
-    stray = np.flatnonzero(wanted & ~chosen)
-    if not len(stray):
-        return chosen, []
-    place = ", ".join(f"{c:.6g}" for c in mesh.nodes[stray[0]])
-    return chosen, [
-        f"{where}.set = {support.set} has {len(stray)} nodes of peridynamic cells that make up no face of one, the "
-        f"first at ({place}): peridynamic points are held beneath faces or in cells. Use such a set."
-    ]
 
 
 def _lump_on_nodes(discretization: Discretization, on_cells: np.ndarray, on_nodes: np.ndarray) -> None:

@@ -12,20 +12,19 @@ SLACK = 0.25  # beyond the two nearest layers, where these lie farther apart tha
 def bisect(positions: np.ndarray, weights: np.ndarray, n_parts: int) -> np.ndarray:
     """Divide cells into parts of equal weight by planes that separate few cells.
 
-    Each step divides a set of cells in two, in the proportion of the numbers of parts that the two sides will
-    be divided into, by a plane normal to x, y or z. Of the three planes the one with the smallest dividing
-    surface is taken; its measure is the number of cells whose centre lies nearer to the plane than 1.25 mean
-    cell edges (or in one of the two nearest layers), that is the cells which the plane separates. Equal
-    surfaces: the longer direction, then x before y before z. Cells of equal coordinate are taken in the order
-    of their index.
+    Each step divides a set of cells in two, in the proportion of the numbers of parts that the two sides will be
+    divided into, by a plane normal to x, y or z. Of the three planes the one with the smallest dividing surface is
+    taken; its measure is the number of cells whose centre lies nearer to the plane than 1.25 mean cell edges (or in
+    one of the two nearest layers), that is the cells which the plane separates. Equal surfaces: the longer direction,
+    then x before y before z. Cells of equal coordinate are taken in the order of their index.
 
     Parameters
     ----------
     positions : float64, shape (n_cells, 3), dimension length
         Centres of the cells.
     weights : int64, shape (n_cells,), >= 0, dimension 1
-        Cost of each cell. A part differs from its share by no more than the largest weight, unless a part
-        would be left without a cell.
+        Cost of each cell. A part differs from its share by no more than the largest weight, unless a part would be
+        left without a cell.
     n_parts : int, >= 1
 
     Returns
@@ -41,8 +40,8 @@ def bisect(positions: np.ndarray, weights: np.ndarray, n_parts: int) -> np.ndarr
 
     References
     ----------
-    Berger & Bokhari, A partitioning strategy for nonuniform problems on multiprocessors, IEEE Trans.
-    Computers C-36 (1987).
+    Berger & Bokhari, A partitioning strategy for nonuniform problems on multiprocessors, IEEE Trans. Computers
+    C-36 (1987).
     """
     positions = np.asarray(positions, dtype=np.float64)
     weights = np.asarray(weights, dtype=np.int64)
@@ -51,8 +50,7 @@ def bisect(positions: np.ndarray, weights: np.ndarray, n_parts: int) -> np.ndarr
     if not np.isfinite(positions).all() or (weights < 0).any():
         raise ValueError("bisect: positions must be finite and weights not negative.")
 
-    owner = np.zeros(len(weights), dtype=np.int32)
-    on_left = np.zeros(len(weights), dtype=bool)
+    owner, on_left = np.zeros(len(weights), dtype=np.int32), np.zeros(len(weights), dtype=bool)
     edge = mean_edge(positions)
 
     def divide(orders, first_part, n_parts):
@@ -61,20 +59,11 @@ def bisect(positions: np.ndarray, weights: np.ndarray, n_parts: int) -> np.ndarr
             owner[orders[0]] = first_part
             return
         n_left = n_parts // 2
-        cuts = []
-        for axis, order in enumerate(orders):
-            k = _balanced_cut(weights[order], n_left, n_parts)
-            coordinate = positions[order, axis]
-            below, above = coordinate[max(k - 1, 0)], coordinate[min(k, len(order) - 1)]
-            reach = max(REACH * edge, 0.5 * (above - below) + SLACK * edge)
-            plane = 0.5 * (below + above)
-            first, last = np.searchsorted(coordinate, (plane - reach, plane + reach))
-            cuts.append((last - first, coordinate[0] - coordinate[-1], axis, k))
-        _, _, axis, k = min(cuts)
-        on_left[orders[axis][:k]] = True
-        on_left[orders[axis][k:]] = False
-        left = [order[on_left[order]] for order in orders]
-        right = [order[~on_left[order]] for order in orders]
+        counts = [_balanced_cut(weights[order], n_left, n_parts) for order in orders]
+        axis = _smallest_surface([positions[order, d] for d, order in enumerate(orders)], counts, edge)
+        k = counts[axis]
+        on_left[orders[axis]] = np.arange(len(orders[axis])) < k
+        left, right = ([order[on_left[order] == side] for order in orders] for side in (True, False))
         divide(left, first_part, n_left)
         divide(right, first_part + n_left, n_parts - n_left)
 
@@ -101,6 +90,18 @@ def mean_edge(positions: np.ndarray) -> float:
         h = 0.5 * (low + high)
         low, high = (h, high) if (x + h) * (y + h) * (z + h) > n * h * h * h else (low, h)
     return high
+
+
+def _smallest_surface(coordinates: list[np.ndarray], counts: list[int], edge: float) -> int:
+    """The axis along which the plane after so many cells separates fewest; ``coordinates`` are sorted."""
+    cuts = []
+    for axis, (coordinate, k) in enumerate(zip(coordinates, counts, strict=True)):
+        below, above = coordinate[max(k - 1, 0)], coordinate[min(k, len(coordinate) - 1)]
+        reach = max(REACH * edge, 0.5 * (above - below) + SLACK * edge)
+        plane = 0.5 * (below + above)
+        first, last = np.searchsorted(coordinate, (plane - reach, plane + reach))
+        cuts.append((last - first, coordinate[0] - coordinate[-1], axis))
+    return min(cuts)[2]
 
 
 def _balanced_cut(weights: np.ndarray, n_left: int, n_parts: int) -> int:

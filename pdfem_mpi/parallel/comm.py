@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from pdfem_mpi.system.exit_codes import EXIT_INTERNAL_ERROR
+
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
-EXIT_INTERNAL_ERROR = 70
 
 # what each launcher says about the number of ranks it started (not SLURM_NTASKS: the batch shell has it too)
 LAUNCHERS = {

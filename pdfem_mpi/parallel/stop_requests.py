@@ -41,24 +41,24 @@ class Stopped(Exception):
         super().__init__(reason)
 
 
-class Never:
-    """Pauses that do not come: for solvers that are called without a run around them."""
+class NoStopRequests:
+    """Nobody asks for anything: for solvers that are called without a run around them."""
 
-    def wishes(self) -> tuple[int, int]:
+    def votes(self) -> tuple[int, int]:
         """Nothing is wished."""
         return 0, 0
 
-    def act(self, wishes: Any, state: Any) -> None:
+    def act(self, votes: Any, state: Any) -> None:
         """Go on."""
 
     def between(self, state: Any) -> None:
         """Go on."""
 
 
-NEVER = Never()
+NO_STOP_REQUESTS = NoStopRequests()
 
 
-class Pauses:
+class StopRequests:
     """When to keep a checkpoint, and when to stop.
 
     Parameters
@@ -85,23 +85,23 @@ class Pauses:
         self._kept: tuple[float, ...] | None = None
         self._step = 0
 
-    def wishes(self) -> tuple[int, int]:
-        """This rank's wishes, to be added over all ranks: to stop, and to keep a checkpoint."""
+    def votes(self) -> tuple[int, int]:
+        """This rank's votes, to be added over all ranks: to stop, and to keep a checkpoint."""
         if self.comm.rank > 0:
             return int(self.requests.stop), 0
         now = monotonic()
         stop = self.requests.stop or (self.end is not None and now > self.end - 2.0 * self.cost)
         return int(stop), int(now - self._last > max(60.0 * self.settings.minutes, self.cost / LARGEST_SHARE))
 
-    def act(self, wishes: Any, state: Any) -> None:
-        """Do what the summed wishes say, at a safe point of relaxation. Collective.
+    def act(self, votes: Any, state: Any) -> None:
+        """Do what the summed votes say, at a safe point of relaxation. Collective.
 
         Raises
         ------
         Stopped
             On all ranks.
         """
-        stop, save = (int(wish) for wish in wishes)
+        stop, save = (int(vote) for vote in votes)
         if stop:
             self._stop(state)
         elif save or _due(state.iteration, self.settings.iterations) or self._steps_due(state):
@@ -115,7 +115,7 @@ class Pauses:
         Stopped
             On all ranks.
         """
-        stop, save = (int(wish) for wish in sum_integers(self.comm, np.array(self.wishes())))
+        stop, save = (int(vote) for vote in sum_integers(self.comm, np.array(self.votes())))
         self.keeper.remember(state)
         if stop:
             self._stop(state)

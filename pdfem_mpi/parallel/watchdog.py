@@ -10,7 +10,8 @@ from collections import deque
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from pdfem_mpi.parallel.comm import EXIT_INTERNAL_ERROR, hearing
+from pdfem_mpi.parallel.comm import hearing
+from pdfem_mpi.system.exit_codes import EXIT_INTERNAL_ERROR
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -21,10 +22,10 @@ def patience() -> float:
     return float(os.environ.get("PDFEM_WATCHDOG_SECONDS", "300"))
 
 
-class Asleep:
+class NoWatchdog:
     """A watchdog that watches nothing."""
 
-    def __enter__(self) -> Asleep:
+    def __enter__(self) -> NoWatchdog:
         return self
 
     def __exit__(self, *exception: Any) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from pdfem_mpi.results.checkpoint import Invalid, check, list_checkpoints
+from pdfem_mpi.results.checkpoint import Invalid, check
+from pdfem_mpi.results.checkpoint_files import list_checkpoints
 from pdfem_mpi.results.cursor import find_damage
 from pdfem_mpi.results.summary import look_at_summary
 from pdfem_mpi.system.lock import owner_of

@@ -12,9 +12,12 @@ from typing import Any
 import numpy as np
 
 from pdfem_mpi.results import vtkhdf
+from pdfem_mpi.system.plain_files import read_plain
 
 #: The column of history.csv that holds words; all others are numbers.
 WORDS = "event"
+#: A summary has no more bytes.
+MOST_BYTES = 1 << 24
 #: Of these one at least is in every run folder.
 MARKS = ("summary.json", "history.csv", "checkpoints", "run.log")
 
@@ -22,7 +25,7 @@ MARKS = ("summary.json", "history.csv", "checkpoints", "run.log")
 def read_summary(folder: str | Path) -> dict[str, Any] | None:
     """The content of a folder's summary.json, None where there is none that can be read."""
     try:
-        content = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
+        content = json.loads(read_plain(Path(folder) / "summary.json", MOST_BYTES))
     except (OSError, ValueError):
         return None
     return content if isinstance(content, dict) else None

@@ -88,20 +88,7 @@ def draw_study(
         for panel in panels[len(names) :]:
             panel.set_axis_off()
         for panel, name in zip(panels, names, strict=False):
-            for number, curve in enumerate(series):
-                colour, marker = CURVES[number % len(CURVES)]
-                x = [_number(text) if numeric else words.index(text) for text in curve.x]
-                y = [math.nan if value is None else value for value in curve.results[name]]
-                order = sorted(range(len(x)), key=x.__getitem__)
-                panel.plot(
-                    [x[k] for k in order],
-                    [y[k] for k in order],
-                    color=colour,
-                    marker=marker,
-                    markersize=5,
-                    linewidth=1.2 if numeric else 0.0,
-                    label=as_it_is(curve.label),
-                )
+            _draw_curves(panel, series, name, words if not numeric else None)
             _mark_axis(panel, values if numeric else None, words)
             unit = (units or {}).get(name, "")
             panel.set_ylabel(as_it_is(name.replace("_", " ") + (f" ({unit})" if unit else "")))
@@ -119,6 +106,24 @@ def draw_study(
             )
         figure.suptitle("\n".join(as_it_is(text) for text in (title, note) if text))
         figure.savefig(temporary, format="png")
+
+
+def _draw_curves(panel, series: Sequence[Series], name: str, words: Sequence[str] | None) -> None:
+    """One result of all series; over numbers, joined by lines, or over ``words``."""
+    for number, curve in enumerate(series):
+        colour, marker = CURVES[number % len(CURVES)]
+        x = [_number(text) if words is None else words.index(text) for text in curve.x]
+        y = [math.nan if value is None else value for value in curve.results[name]]
+        order = sorted(range(len(x)), key=x.__getitem__)
+        panel.plot(
+            [x[k] for k in order],
+            [y[k] for k in order],
+            color=colour,
+            marker=marker,
+            markersize=5,
+            linewidth=1.2 if words is None else 0.0,
+            label=as_it_is(curve.label),
+        )
 
 
 def _mark_axis(panel, values: Sequence[float] | None, words: Sequence[str]) -> None:

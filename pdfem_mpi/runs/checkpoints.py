@@ -226,7 +226,8 @@ class CheckpointWriter:
 
     def _open(self, header: dict[str, Any], state: State):
         """Bring results to the disk, note how far they are, and open the file. On rank 0."""
-        from pdfem_mpi.results.checkpoint import Writer, checkpoint_path, list_checkpoints
+        from pdfem_mpi.results.checkpoint import Writer
+        from pdfem_mpi.results.checkpoint_files import checkpoint_path, list_checkpoints
 
         faults.begin("flush")
         header["results"] = self._flush()
@@ -238,7 +239,7 @@ class CheckpointWriter:
         return Writer(path, tables, job_name())
 
     def _rotate(self) -> None:
-        from pdfem_mpi.results.checkpoint import rotate
+        from pdfem_mpi.results.checkpoint_files import rotate
 
         self._number += 1
         with contextlib.suppress(OSError):
@@ -247,7 +248,7 @@ class CheckpointWriter:
 
 def take_over(start: RestartPoint, folder: Path) -> None:
     """Clean the folder of checkpoints for a run that goes on: torn files go, newer ones not used step aside."""
-    from pdfem_mpi.results.checkpoint import remove_stale
+    from pdfem_mpi.results.checkpoint_files import remove_stale
 
     remove_stale(folder)
     for path, fate in start.passed:

@@ -11,7 +11,8 @@ from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.deck.toml import read_deck, write_deck
 from pdfem_mpi.results.ownership import DECK, Written, free_name, refuse_deck, refuse_folder
 from pdfem_mpi.results.starts import Starts
-from pdfem_mpi.runs.start import EXIT_NOT_WRITTEN, EXIT_USAGE, Refused, RunOptions, choose_start
+from pdfem_mpi.runs.start import Refused, RunOptions, choose_start
+from pdfem_mpi.system.exit_codes import EXIT_NOT_WRITTEN, EXIT_USAGE
 from pdfem_mpi.system.files import replacing
 from pdfem_mpi.system.lock import Lock, Locked
 

@@ -18,7 +18,7 @@ from pdfem_mpi.runs.prepare import check_scene
 from pdfem_mpi.runs.reporter import LineReporter, NullReporter
 from pdfem_mpi.runs.run import run as run_scene
 from pdfem_mpi.runs.start import CONTINUE, RunOptions
-from pdfem_mpi.system.exit_codes import EXIT_FINISHED, STATUS
+from pdfem_mpi.system.exit_codes import EXIT_FINISHED, RUN_STATUS
 
 
 class Unfinished(Exception):
@@ -35,7 +35,7 @@ class Unfinished(Exception):
 
     def __init__(self, code: int, reason: str, folder: Path):
         self.code, self.folder = code, folder
-        super().__init__(f"{folder}: {STATUS.get(code, 'failed')}: {reason}")
+        super().__init__(f"{folder}: {RUN_STATUS.get(code, 'failed')}: {reason}")
 
 
 def run(

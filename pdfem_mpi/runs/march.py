@@ -11,7 +11,7 @@ import numpy as np
 from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage, gather_fields
 from pdfem_mpi.model.forces import NotFinite
 from pdfem_mpi.parallel.comm import on_root
-from pdfem_mpi.parallel.stop_requests import Pauses, Stopped, place_of
+from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests, place_of
 from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.runs.checkpoints import CheckpointWriter
 from pdfem_mpi.runs.memory_report import Watched
@@ -60,7 +60,7 @@ class March:
         On rank 0 alone.
     reporter : Reporter
     keeper : CheckpointWriter
-    pauses : Pauses
+    pauses : StopRequests
     changed : bool
         The deck is not that of the checkpoint: a program that was over may go on.
     """
@@ -71,7 +71,7 @@ class March:
         outputs: Outputs | None,
         reporter: Reporter,
         keeper: CheckpointWriter,
-        pauses: Pauses,
+        pauses: StopRequests,
         changed: bool,
     ):
         self.simulation, self.outputs, self.reporter = simulation, outputs, reporter

@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization, describe_cracked_overlap
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.overlap import describe_cracked_overlap
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.model.parts import describe_loose
+from pdfem_mpi.model.parts import describe_unsupported
 from pdfem_mpi.peridynamics.bonds import count_by_material
 from pdfem_mpi.runs.failure_notes import criteria, describe_criterion, failure_summary
 from pdfem_mpi.runs.prepare import describe_mirrors
 from pdfem_mpi.runs.simulation import Simulation
 from pdfem_mpi.solvers.stability import smallest_eigenvalue
-from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_STOPPED, STATUS
+from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_STOPPED, RUN_STATUS
 
 
 @dataclass
@@ -47,7 +48,7 @@ def describe_body(simulation: Simulation) -> list[str]:
     """Lines about the mesh file, loose parts and loads on held places. Collective."""
     scene, discretization, case = simulation.scene, simulation.discretization, simulation.case
     lines = [f"mesh: {text}" for text in discretization.notes]
-    lines += describe_loose(case.parts, case.loose)
+    lines += describe_unsupported(case.parts, case.unsupported)
     if not np.isnan(case.taken).all():
         lines.append(describe_taken(case.taken * discretization.units.force, scene.units.force))
     return lines
@@ -129,4 +130,4 @@ def ending(code: int, reason: str | None, out: Path) -> str:
     if code == EXIT_FINISHED:
         return f"finished; results in {out}"
     remedy = f". Go on with: pdfem resume {out}" if code == EXIT_STOPPED else ""
-    return f"{STATUS[code]}: {(reason or '').rstrip('.')}{remedy}"
+    return f"{RUN_STATUS[code]}: {(reason or '').rstrip('.')}{remedy}"

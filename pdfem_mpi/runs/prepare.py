@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization, discretize, make_mesh
+from pdfem_mpi.body.discretization import Discretization, discretize
+from pdfem_mpi.body.meshing import make_mesh
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError

@@ -17,10 +17,11 @@ from pdfem_mpi.parallel.comm import broadcast
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.runs.tables import BROKEN, Layout, make_layout, read_broken, read_fields
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
+from pdfem_mpi.system.exit_codes import EXIT_NO_CHECKPOINT
 
 if TYPE_CHECKING:
     from pdfem_mpi.results.checkpoint import Reader
-from pdfem_mpi.runs.start import EXIT_NO_CHECKPOINT, Refused, RestartPoint
+from pdfem_mpi.runs.start import Refused, RestartPoint
 
 
 def restore(start: RestartPoint, discretization: Discretization, model: Model, state: State) -> np.ndarray:
@@ -102,7 +103,7 @@ def restore_late(
     failure.last_extent = np.array(books["last_extent"])
     broken = failure.take()
     if start.header["broken_bonds"]:
-        solve.soften(broken)
+        solve.update_after_breaks(broken)
 
 
 def _reader(path: Path, comm):

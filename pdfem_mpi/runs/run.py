@@ -14,8 +14,8 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.fields import fields_sha256
 from pdfem_mpi.parallel.comm import NotWritten, broadcast, on_root, sum_integers
-from pdfem_mpi.parallel.stop_requests import Pauses, Stopped
-from pdfem_mpi.parallel.watchdog import Asleep, Watchdog, patience
+from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests
+from pdfem_mpi.parallel.watchdog import NoWatchdog, Watchdog, patience
 from pdfem_mpi.results.cursor import unchecked
 from pdfem_mpi.results.log import RunLog
 from pdfem_mpi.results.ownership import RESULTS, SUMMARY
@@ -84,7 +84,7 @@ class _Run:
             if refusal:
                 raise Refused(*refusal)
             hang = self.out / f"run.r{self.comm.rank}.hang"
-            with Watchdog(self.comm, hang, patience()) if self.ways.watched else Asleep():
+            with Watchdog(self.comm, hang, patience()) if self.ways.watched else NoWatchdog():
                 return self._go(start)
         except (SceneError, Refused):
             if self.entry:
@@ -198,13 +198,13 @@ class _Run:
         self.entry.settle()
         self.reporter = LoggedReporter(self.reporter, RunLog(self.entry.written.new("run.log")))
 
-    def _keeper(self, simulation: Simulation, start: RestartPoint) -> tuple[CheckpointWriter, Pauses]:
+    def _keeper(self, simulation: Simulation, start: RestartPoint) -> tuple[CheckpointWriter, StopRequests]:
         """Who writes checkpoints, and who says when. Collective."""
         keeper = CheckpointWriter(
             self.scene, simulation.discretization, simulation.forces, simulation.failure, self.out, self._flush,
             self._line, start, self.started,
         )  # fmt: skip
-        return keeper, Pauses(self.comm, self.ways.requests, keeper, self.scene.checkpoint, self.ways.end)
+        return keeper, StopRequests(self.comm, self.ways.requests, keeper, self.scene.checkpoint, self.ways.end)
 
     def _flush(self) -> dict[str, dict[str, Any]]:
         self.entry.starts.note(perf_counter() - self.started)

@@ -19,7 +19,7 @@ from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import build_model
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import world
-from pdfem_mpi.parallel.stop_requests import NEVER
+from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS
 from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.runs.memory_estimate import Need
 from pdfem_mpi.runs.memory_report import features_of
@@ -105,7 +105,7 @@ class Simulation:
         self.solver: EquilibriumSolver | None = None
         self._evaluated = False
 
-    def prepare_solver(self, note: Callable[[str], None] = ignore, pauses: Any = NEVER) -> EquilibriumSolver:
+    def prepare_solver(self, note: Callable[[str], None] = ignore, pauses: Any = NO_STOP_REQUESTS) -> EquilibriumSolver:
         """Set up the scene's solver for the loads as they are; ``note`` hears what is worth telling."""
         self.solver = make_solver(self.scene, self.discretization, self.forces, self.case, note, pauses)
         return self.solver

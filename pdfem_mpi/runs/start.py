@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 from pdfem_mpi.results.cursor import find_damage
 from pdfem_mpi.results.summary import look_at_summary
 from pdfem_mpi.runs.identity import differences, free_changes
+from pdfem_mpi.system.exit_codes import EXIT_NO_CHECKPOINT, EXIT_USAGE
 from pdfem_mpi.system.signals import Requests
 
 if TYPE_CHECKING:
     pass
 from pdfem_mpi.runs.environment import environment
 
-EXIT_USAGE, EXIT_NO_CHECKPOINT, EXIT_NOT_WRITTEN = 64, 65, 73
 FOLDER = "checkpoints"
 MOST_BYTES = 1 << 24  # of a summary
 AUTO, NEVER, CONTINUE = "auto", "never", "continue"
@@ -108,7 +108,7 @@ def choose_start(out: Path, resume: str, overwrite: bool) -> RestartPoint:
     Refused
         The folder holds a run that must not be touched, or no checkpoint can be used.
     """
-    from pdfem_mpi.results.checkpoint import list_checkpoints
+    from pdfem_mpi.results.checkpoint_files import list_checkpoints
 
     named = resume not in (AUTO, NEVER, CONTINUE)
     if overwrite and named:
@@ -150,7 +150,8 @@ def choose_start(out: Path, resume: str, overwrite: bool) -> RestartPoint:
 
 def _start_from(out: Path, path: Path) -> RestartPoint:
     """A checkpoint that was asked for by name; results go on only if it belongs to this folder."""
-    from pdfem_mpi.results.checkpoint import Invalid, check, list_checkpoints
+    from pdfem_mpi.results.checkpoint import Invalid, check
+    from pdfem_mpi.results.checkpoint_files import list_checkpoints
 
     try:
         header = check(path)

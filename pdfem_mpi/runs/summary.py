@@ -15,7 +15,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.peridynamics.fit.fit import BodyFit
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.notes import Findings
-from pdfem_mpi.system.exit_codes import STATUS
+from pdfem_mpi.system.exit_codes import RUN_STATUS
 
 SCHEMA_VERSION = 1
 
@@ -42,7 +42,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
 
     return {
         "schema_version": SCHEMA_VERSION,
-        "status": STATUS[ended.code],
+        "status": RUN_STATUS[ended.code],
         "reason": ended.reason,
         "exit_code": ended.code,
         "title": scene.title,
@@ -82,7 +82,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         },
         "failure": findings.failure,
         "bonds_cut_by_cracks": list(model.cut),
-        "parts_at_start": {"count": simulation.case.parts.count, "not_held": len(simulation.case.loose)},
+        "parts_at_start": {"count": simulation.case.parts.count, "not_held": len(simulation.case.unsupported)},
         "bonds_by_materials": named_pairs(discretization.materials.names, findings.bonds_by_material),
         "probes": march.outputs.results,
         "seconds": facts["seconds"],

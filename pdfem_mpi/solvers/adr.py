@@ -11,11 +11,11 @@ import numpy as np
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
 from pdfem_mpi.model.forces import Forces, NotFinite
+from pdfem_mpi.model.mechanisms import describe_motion
 from pdfem_mpi.model.model import Model
-from pdfem_mpi.model.parts import describe_motion
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import sum_integers
-from pdfem_mpi.parallel.stop_requests import NEVER, Never, Pauses
+from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS, NoStopRequests, StopRequests
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.convergence import Convergence, NotConverged, Progress
@@ -84,7 +84,7 @@ class Relaxation:
     ----------
     forces : Forces
     fixed : bool, shape (n_unknowns,)
-    pauses : Pauses
+    stop_requests : StopRequests
         Its votes travel with the sums of an evaluation.
 
     Attributes
@@ -97,9 +97,11 @@ class Relaxation:
         That of the last one, relative to the first.
     """
 
-    def __init__(self, forces: Forces, fixed: np.ndarray, pauses: Pauses | Never = NEVER):
+    def __init__(
+        self, forces: Forces, fixed: np.ndarray, stop_requests: StopRequests | NoStopRequests = NO_STOP_REQUESTS
+    ):
         mass = forces.model.mass
-        self.forces, self.pauses, self.wishes = forces, pauses, (0, 0)
+        self.forces, self.stop_requests, self.votes = forces, stop_requests, (0, 0)
         self.inverse_mass = np.where(fixed | (mass == 0.0), 0.0, 1.0 / np.maximum(mass, 1e-300))
         self.force = np.empty_like(mass)
         self.first = self.grown = 0.0
@@ -136,11 +138,11 @@ class Relaxation:
             digits = np.zeros((N_SUMS, SIZE), np.int64)
             shared = u if self.root_share is None else self.root_share * u  # sums over the whole body
             add_damping_sums(shared, v, self.force, previous_force, self.inverse_mass, digits)
-            votes = forces.flags() + self.pauses.wishes()
+            votes = forces.flags() + self.stop_requests.votes()
             joined = sum_integers(forces.model.comm, np.concatenate([digits.reshape(-1), votes]))
             if forces.check_bounds(joined[-5:-2]):
                 break
-        self.wishes = joined[-2:]
+        self.votes = joined[-2:]
         work, square, residual, reaction = (value(row) for row in joined[:-5].reshape(N_SUMS, SIZE))
         if math.isnan(square) or math.isnan(residual) or math.isnan(load):
             raise NotFinite(forces.describe_not_finite(u, self.force))
@@ -162,7 +164,7 @@ class Relaxation:
         Stopped
             On all ranks.
         """
-        self.pauses.act(self.wishes, state)
+        self.stop_requests.act(self.votes, state)
 
 
 def solve(
@@ -173,7 +175,7 @@ def solve(
     tolerance: float,
     max_evaluations: int,
     watch: Callable[[Progress], None] = lambda progress: None,
-    pauses: Pauses | Never = NEVER,
+    stop_requests: StopRequests | NoStopRequests = NO_STOP_REQUESTS,
 ) -> Convergence:
     """Relax the state to equilibrium under constant loads. Collective.
 
@@ -192,7 +194,7 @@ def solve(
     max_evaluations : int
     watch : callable
         Told of every iteration, on every rank.
-    pauses : Pauses
+    stop_requests : StopRequests
         Asked after every step.
 
     Raises
@@ -200,7 +202,7 @@ def solve(
     NotConverged, NotFinite, Stopped
         On all ranks alike.
     """
-    relaxation = Relaxation(forces, fixed, pauses)
+    relaxation = Relaxation(forces, fixed, stop_requests)
     (square,) = exact_dots(forces.model.comm, [(external, external)])
     load = math.sqrt(square)
     before = forces.evaluations - state.spent

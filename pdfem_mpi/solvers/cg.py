@@ -25,7 +25,7 @@ import numpy as np
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.krylov import finish_product, take_step
 from pdfem_mpi.model.forces import Forces, NotFinite
-from pdfem_mpi.model.parts import describe_motion
+from pdfem_mpi.model.mechanisms import describe_motion
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.parallel.sums import exact_dots

@@ -14,7 +14,7 @@ from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
 from pdfem_mpi.model.model import with_stable_masses
 from pdfem_mpi.model.state import State
-from pdfem_mpi.parallel.stop_requests import NEVER, Never, Pauses
+from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS, NoStopRequests, StopRequests
 from pdfem_mpi.peridynamics.failure import Broken
 from pdfem_mpi.peridynamics.stable_masses import describe_raised
 from pdfem_mpi.solvers import adr, cg
@@ -36,7 +36,7 @@ class EquilibriumSolver:
     preconditioner : Preconditioner or None
         Of conjugate gradients.
     note : callable
-    pauses : Pauses
+    stop_requests : StopRequests
         Asked between iterations of relaxation, and by the load programs.
     """
 
@@ -45,7 +45,7 @@ class EquilibriumSolver:
     settings: Settings
     preconditioner: Preconditioner | None
     note: Callable[[str], None]
-    pauses: Pauses | Never = NEVER
+    stop_requests: StopRequests | NoStopRequests = NO_STOP_REQUESTS
 
     def __call__(
         self, state: State, external: np.ndarray, watch: Callable[[Progress], None] = lambda progress: None
@@ -64,14 +64,14 @@ class EquilibriumSolver:
             program["relaxing"] = 1
         if self.preconditioner:
             self.forces.model = with_stable_masses(self.forces.model)
-        convergence = adr.solve(*common, watch, self.pauses)
+        convergence = adr.solve(*common, watch, self.stop_requests)
         program["relaxing"] = 0
         return convergence
 
-    def soften(self, broken: Broken) -> None:
+    def update_after_breaks(self, broken: Broken) -> None:
         """Learn which bonds broke. Collective."""
         if self.preconditioner:
-            self.preconditioner.soften(broken)
+            self.preconditioner.update_after_breaks(broken)
 
 
 def make_solver(
@@ -80,7 +80,7 @@ def make_solver(
     forces: Forces,
     case: LoadCase,
     note: Callable[[str], None],
-    pauses: Pauses | Never = NEVER,
+    stop_requests: StopRequests | NoStopRequests = NO_STOP_REQUESTS,
 ) -> EquilibriumSolver:
     """The scene's solver, set up. Collective."""
     preconditioner, model = None, forces.model
@@ -88,4 +88,4 @@ def make_solver(
         note(describe_raised(model.raised_masses, 8 * discretization.n_point_cells))
     if scene.solver.kind == "cg":
         preconditioner = make_preconditioner(discretization, model, case, forces.bounds)
-    return EquilibriumSolver(forces, case, scene.solver, preconditioner, note, pauses)
+    return EquilibriumSolver(forces, case, scene.solver, preconditioner, note, stop_requests)

@@ -36,8 +36,8 @@ def follow_load_program(
     failure : Failure or None
         Needed by ramps and events.
     state : State
-        Changed; whole at each yield, and whenever ``solve.pauses`` are asked: between steps, batches of an avalanche
-        and iterations of relaxation.
+        Changed; whole at each yield, and whenever ``solve.stop_requests`` are asked: between steps, batches of an
+        avalanche and iterations of relaxation.
     case : LoadCase
     watch : callable
         Told of the step and the progress of every iteration, on every rank.

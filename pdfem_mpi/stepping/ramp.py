@@ -37,16 +37,15 @@ def follow_ramp(
     ------
     NotConverged, NotFinite
     Stopped
-        From ``solve.pauses``.
+        From ``solve.stop_requests``.
     """
     forces, program = solve.forces, state.program
-    relaxation = Relaxation(forces, case.fixed, solve.pauses)
+    relaxation = Relaxation(forces, case.fixed, solve.stop_requests)
     load = float(np.sqrt(exact_dots(forces.model.comm, [(case.external, case.external)])[0]))
     reporter = Reporter(forces, case, failure)
     last = round(settings.end_load_factor / settings.increment)
-    program.setdefault("work", 0.0)
-    program.setdefault("pull", 0.0)
-    program.setdefault("peak", 0.0)
+    for name in ("work", "pull", "peak"):
+        program.setdefault(name, 0.0)
     ahead = case.prescribed[case.fixed]
     before = np.empty_like(state.u)
     while state.iteration < last:
@@ -73,12 +72,17 @@ def follow_ramp(
             row = reporter.report(state, event, Convergence(settings.report_every, sums.relative), program["work"])
             program["peak"] = max(program["peak"], row.reaction)
             ended = failure.count and row.reaction < settings.end_reaction * program["peak"]
-            if row.new_broken and case.load:
-                rest, torn = without_loads_on_loose_parts(forces.model, case)
-                if torn and rest.load < settings.end_reaction * case.load:
-                    solve.note(f"the body came apart under its loads, and the ramp ends: {torn[0].text} is loose")
-                    ended = True
+            came_apart = row.new_broken and case.load and _came_apart(settings, solve, case)
             yield row
-            if ended:
+            if ended or came_apart:
                 return
         relaxation.pause(state)
+
+
+def _came_apart(settings: Ramp, solve: EquilibriumSolver, case: LoadCase) -> bool:
+    """Whether next to all loads are on parts of the body that nothing holds any more. Collective."""
+    rest, torn = without_loads_on_loose_parts(solve.forces.model, case)
+    if not torn or rest.load >= settings.end_reaction * case.load:
+        return False
+    solve.note(f"the body came apart under its loads, and the ramp ends: {torn[0].text} is loose")
+    return True

@@ -10,7 +10,8 @@ import numpy as np
 
 from pdfem_mpi.measure.strains import Deformation, measure_elements
 from pdfem_mpi.model.forces import Forces
-from pdfem_mpi.model.loads import LoadCase, rigid_modes
+from pdfem_mpi.model.loads import LoadCase
+from pdfem_mpi.model.motions import rigid_modes
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure

@@ -9,9 +9,10 @@ from functools import partial
 import numpy as np
 
 from pdfem_mpi.deck.programs import Steps
+from pdfem_mpi.model.balance import without_equilibrium
 from pdfem_mpi.model.loads import LoadCase, remove_rigid_motion
 from pdfem_mpi.model.model import Model
-from pdfem_mpi.model.parts import find_loose, find_parts, without_equilibrium
+from pdfem_mpi.model.parts import find_parts, find_unsupported
 from pdfem_mpi.model.state import State
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.convergence import NotConverged
@@ -31,12 +32,12 @@ def follow_steps(
     NotConverged, NotFinite
         From the solver.
     Stopped
-        From ``solve.pauses``.
+        From ``solve.stop_requests``.
     """
-    forces, program, pauses = solve.forces, state.program, solve.pauses
+    forces, program, stop_requests = solve.forces, state.program, solve.stop_requests
     reporter = Reporter(forces, case, failure)
     for step, factor in enumerate(settings.load_factors[state.step :], start=state.step + 1):
-        pauses.between(state)
+        stop_requests.between(state)
         external = factor * case.external
         state.u[case.fixed] = factor * case.prescribed[case.fixed]
         while True:
@@ -49,7 +50,7 @@ def follow_steps(
                 break
             if case.load and without_equilibrium(forces.model, case.fixed, external)[1]:
                 raise _in_pieces(forces.model, case, failure, factor, "")
-            pauses.between(state)
+            stop_requests.between(state)
         remove_rigid_motion(forces.model, case, state.u)
         state.step, state.load_factor = step, factor
         evaluations, program["evaluations"] = program["evaluations"], 0
@@ -61,10 +62,10 @@ def _in_pieces(model: Model, case: LoadCase, failure: Failure | None, factor: fl
     if failure is None or not failure.count:
         return NotConverged(reason)
     parts = find_parts(model)
-    loose = find_loose(model, parts, case.fixed) if parts.count > 1 else ()
-    if loose:
-        more = f", and {len(loose) - 1:,} parts more" if len(loose) > 1 else ""
-        reason = f"parts of the body came loose, {loose[0].text}{more}."
+    unsupported = find_unsupported(model, parts, case.fixed) if parts.count > 1 else ()
+    if unsupported:
+        more = f", and {len(unsupported) - 1:,} parts more" if len(unsupported) > 1 else ""
+        reason = f"parts of the body came loose, {unsupported[0].text}{more}."
     return NotConverged(
         f"at load factor {factor:.6g}, after {failure.count:,} broken bonds, no equilibrium was found: {reason} Use "
         'smaller steps, or follow failure from break to break: stepping.kind = "events" with solver.kind = "cg".'
@@ -89,5 +90,5 @@ def break_bonds(
     count = failure.close(forces.model)
     broken = failure.take()
     if count:
-        solve.soften(broken)
+        solve.update_after_breaks(broken)
     return count

@@ -13,12 +13,12 @@ from collections.abc import Callable
 from time import monotonic
 from typing import TYPE_CHECKING
 
+from pdfem_mpi.system.exit_codes import EXIT_INTERNAL_ERROR, EXIT_STOPPED
 from pdfem_mpi.system.launcher import launcher_variable
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
-EXIT_AT_ONCE, EXIT_STOPPED = 70, 75
 #: Two signals within this many seconds are one: batch systems and launchers may both pass it on.
 SAME_SIGNAL_SECONDS = 1.0
 STOPS = (signal.SIGUSR1, signal.SIGTERM, signal.SIGINT)
@@ -93,7 +93,7 @@ class Requests:
             if self.setting_up:
                 threading.Thread(target=self._end_set_up, args=(name,), name="end of set-up", daemon=True).start()
         elif now - self._first > SAME_SIGNAL_SECONDS:
-            self._end(EXIT_AT_ONCE, f"{name} a second time: ending at once")
+            self._end(EXIT_INTERNAL_ERROR, f"{name} a second time: ending at once")
 
     def _end_set_up(self, name: str) -> None:
         """End a run that is being set up, if it does not end by itself."""

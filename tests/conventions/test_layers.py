@@ -53,6 +53,8 @@ HOMES = {
 LATE_IMPORTS = {
     ("parallel.comm", "mpi4py"),
     ("command.cli", "pdfem_mpi"),
+    ("command.doctor", "pdfem_mpi.parallel"),
+    ("command.world", "pdfem_mpi.parallel"),
     ("runs.start", "pdfem_mpi.results"),
     ("runs.checkpoints", "pdfem_mpi.results"),
     ("runs.restoring", "pdfem_mpi.results"),
@@ -62,7 +64,7 @@ LATE_IMPORTS = {
     ("results.cursor", "pdfem_mpi.results"),
     ("mesh.exodus", "netCDF4"),
 }
-PRINTERS = ("command.cli",)
+PRINTERS = ("command.cli", "command.console", "command.world")
 
 
 class Import(NamedTuple):

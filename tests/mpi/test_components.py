@@ -6,7 +6,8 @@ import pytest
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.model import model as model_module
-from pdfem_mpi.model.parts import describe_loose, describe_motion, find_loose, find_parts
+from pdfem_mpi.model.mechanisms import describe_motion
+from pdfem_mpi.model.parts import describe_unsupported, find_parts, find_unsupported
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.parallel.slabs import gather_rows
 from support.bodies import build, make_scene
@@ -34,15 +35,15 @@ def torn(comm, n_elements):
 def found(body):
     """Parts by cell in global order, and all that is said of them. Collective."""
     parts = find_parts(body.model)
-    loose = find_loose(body.model, parts, body.case.fixed)
+    unsupported = find_unsupported(body.model, parts, body.case.fixed)
     points = body.model.points
     table = gather_rows(
         body.model.comm, np.searchsorted(body.numbers, points.cell_number[: points.n_free]),
         parts.of[: 8 * points.n_free].reshape(-1, 8), len(body.numbers),
     )  # fmt: skip
     motion = body.of_positions(lambda x: np.where(x[:, :1] > 2.0, x[:, [1, 0, 2]] * [-1.0, 1.0, 0.0], 0.0))
-    told = [parts.count, describe_loose(parts, loose), describe_motion(body.model, motion)]
-    return told + [part.motions.tolist() for part in loose], None if table is None else table.tolist()
+    told = [parts.count, describe_unsupported(parts, unsupported), describe_motion(body.model, motion)]
+    return told + [part.motions.tolist() for part in unsupported], None if table is None else table.tolist()
 
 
 @pytest.mark.parametrize("n_elements", [0, 4])

@@ -81,7 +81,7 @@ def test_broken_bonds_of_other_ranks_are_restored(comm):
     together = failing(strip(**options), comm)
     model = together.body.model
     together.failure.restore(model, pairs, alone.failure.dissipated_digits)
-    together.solve.soften(together.failure.take())
+    together.solve.update_after_breaks(together.failure.take())
     found = outcome(together)[1]
     same = found == sorted(map(tuple, pairs.tolist()))
     assert_all(comm, same, "other bonds than on one rank")

@@ -19,7 +19,8 @@ from pdfem_mpi.parallel import slabs as gathering
 from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.parallel.slabs import gather_pairs
 from pdfem_mpi.results import checkpoint
-from pdfem_mpi.results.checkpoint import Writer, list_checkpoints, open_checkpoint
+from pdfem_mpi.results.checkpoint import Writer, open_checkpoint
+from pdfem_mpi.results.checkpoint_files import list_checkpoints
 from pdfem_mpi.runs import tables
 from pdfem_mpi.runs.tables import BROKEN, make_layout, read_broken, read_fields, total_broken, write_tables
 from support.bodies import build, make_scene

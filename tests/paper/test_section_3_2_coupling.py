@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.deck.loads import BodyForce, Support
-from pdfem_mpi.model.loads import rigid_modes
+from pdfem_mpi.model.motions import rigid_modes
 from pdfem_mpi.solvers import adr
 from support.bodies import build, make_scene, run_deck
 

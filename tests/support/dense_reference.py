@@ -18,6 +18,7 @@ from pdfem_mpi.body.materials import materials_of
 from pdfem_mpi.deck.loads import BodyForce
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.mesh.layers import cells_near_face
 
 CORNERS = np.array([(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)])
 GAUSS = np.array([(r, s, t) for t in (-1, 1) for s in (-1, 1) for r in (-1, 1)]) / math.sqrt(3.0)
@@ -299,7 +300,7 @@ class DenseBody:
         if entry.region is not None:
             return d.region == [region.name for region in self.scene.regions].index(entry.region)
         if entry.face is not None:
-            return d.mesh.cells_near_face(entry.face, entry.layers)
+            return cells_near_face(d.mesh, entry.face, entry.layers)
         return d.mesh.cells_in_box(entry.lower, entry.upper)
 
     # Forces

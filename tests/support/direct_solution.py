@@ -20,6 +20,7 @@ from pdfem_mpi.body.materials import materials_of
 from pdfem_mpi.deck.loads import BodyForce
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.mesh.layers import cells_near_face
 from pdfem_mpi.mesh.rigid_motions import rigid_motions
 
 CORNERS = np.array([(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)])
@@ -210,7 +211,7 @@ def _cells(body: Body, entry) -> np.ndarray:
     if entry.region is not None:
         return d.region == [region.name for region in body.scene.regions].index(entry.region)
     if entry.face is not None:
-        return d.mesh.cells_near_face(entry.face, entry.layers)
+        return cells_near_face(d.mesh, entry.face, entry.layers)
     if entry.set is not None:
         return np.ones(len(d.mesh.cells), bool)
     return d.mesh.cells_in_box(entry.lower, entry.upper)

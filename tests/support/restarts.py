@@ -20,7 +20,7 @@ from pdfem_mpi.deck.programs import Events, Ramp, Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.results.checkpoint import list_checkpoints
+from pdfem_mpi.results.checkpoint_files import list_checkpoints
 from pdfem_mpi.runs.run import run
 from pdfem_mpi.runs.start import Refused, RunOptions
 from support.bodies import YOUNGS_MODULUS, make_scene

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pdfem_mpi.body.discretization import discretize, make_mesh
+from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.meshing import make_mesh
 from pdfem_mpi.deck.loads import BodyForce, Support, Traction
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.meshes import BoxMesh, PlateWithHoleMesh

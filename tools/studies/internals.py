@@ -38,7 +38,7 @@ from pdfem_mpi.peridynamics.fit.areas import find_boundary
 from pdfem_mpi.peridynamics.fit.operator import Operator
 from pdfem_mpi.results.plots import STYLE
 from pdfem_mpi.results.study import CURVES
-from pdfem_mpi.stepping import events, follow_load_program, make_solver
+from pdfem_mpi.stepping import follow_load_program, ledger, make_solver
 from pdfem_mpi.stepping.steps import break_bonds
 from pdfem_mpi.system.launcher import mpirun_command, prepare_environment
 
@@ -66,12 +66,12 @@ __all__ = [
     "break_bonds",
     "discretize",
     "equations",
-    "events",
     "failure_kernels",
     "find_boundary",
     "fit",
     "follow_load_program",
     "gather_fields",
+    "ledger",
     "make_bonds",
     "make_failure",
     "make_solver",

@@ -101,7 +101,7 @@ class Preconditioner:
         of_nodes = (unknowns.of_nodes(vector).reshape(-1) for vector in (r, z))
         add_block_products(False, self.blocks[n:], OMEGA, *of_nodes)
 
-    def soften(self, broken: Broken) -> None:
+    def update_after_breaks(self, broken: Broken) -> None:
         """Renew the blocks of points that lost bonds; nodes of the overlap keep theirs. Collective."""
         points = self.of_points.take_out(self.model, broken)
         points = points[points < len(self.fixed_points)]

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pdfem_mpi.command.cli import ConsoleReporter, remaining
+from pdfem_mpi.command.console import ConsoleReporter, remaining
 from pdfem_mpi.system.launcher import LaunchError, mpirun_command
 from support.helpers import ROOT, outside_launcher, run_pdfem, run_python
 

@@ -15,8 +15,17 @@ from pathlib import Path
 import matplotlib.image
 import pytest
 
-from pdfem_mpi.command import study
-from pdfem_mpi.command.study import Interruption, StudyError, make_members, parse_axes, results_of, run_study
+from pdfem_mpi.command.study import (
+    Interruption,
+    StudyError,
+    changed_members,
+    figure,
+    make_members,
+    parse_axes,
+    results_of,
+    run_study,
+    running,
+)
 from pdfem_mpi.deck.toml import read_deck
 from support.helpers import ROOT, run_pdfem
 
@@ -27,7 +36,7 @@ SPACINGS = "mesh.spacing=0.2,0.1"
 @pytest.fixture
 def no_picture(monkeypatch):
     """Leave out what takes most of the time."""
-    monkeypatch.setattr(study, "draw_study", lambda *arguments: None)
+    monkeypatch.setattr(figure, "draw_study", lambda *arguments: None)
 
 
 def members_of(*texts, overrides=(), deck=DECK):
@@ -70,10 +79,10 @@ class Runs:
         return code, "bar.toml: mesh is broken. Mend it."
 
 
-def go(folder, runs, *texts, tell=None, overrides=(), **options):
+def go(folder, runs, *texts, report=None, overrides=(), **options):
     axes = parse_axes(texts)
     members = make_members(DECK, axes, overrides)
-    return run_study(members, axes, folder, runs, tell or (lambda text: None), **options)
+    return run_study(members, axes, folder, runs, report or (lambda text: None), **options)
 
 
 def rows_of(folder):
@@ -152,7 +161,7 @@ def test_finished_members_are_kept_and_the_rest_is_run(tmp_path, no_picture):
     first = Runs()
     assert go(tmp_path, first, "mesh.spacing=0.2") == 0
     second, told = Runs(), []
-    assert go(tmp_path, second, "mesh.spacing=0.1,0.2,0.05", tell=told.append) == 0
+    assert go(tmp_path, second, "mesh.spacing=0.1,0.2,0.05", report=told.append) == 0
     assert second.started == [("mesh.spacing=0.1", False), ("mesh.spacing=0.05", False)]
     assert told[1] == "2/3 mesh.spacing=0.2: finished before"
     assert told[0] == "1/3 mesh.spacing=0.1: finished, 12 evaluations, 1.5 s"
@@ -165,7 +174,7 @@ def test_finished_members_are_kept_and_the_rest_is_run(tmp_path, no_picture):
 def test_a_failed_member_is_listed_and_the_rest_goes_on(tmp_path, no_picture):
     told = []
     runs = Runs({"0.1": 74, "0.05": 64, "0.04": -9})
-    code = go(tmp_path, runs, "mesh.spacing=0.1,0.2,0.05,0.04", tell=told.append)
+    code = go(tmp_path, runs, "mesh.spacing=0.1,0.2,0.05,0.04", report=told.append)
     assert code == 74  # of the first that failed
     rows = rows_of(tmp_path)
     assert [row["status"] for row in rows] == ["not converged", "finished", "refused", "failed"]
@@ -191,11 +200,11 @@ def test_a_member_that_was_stopped_is_not_overwritten(tmp_path, no_picture):
 def test_a_changed_deck_is_told_with_its_keys(tmp_path, no_picture):
     assert go(tmp_path, Runs(), SPACINGS) == 0
     changed = members_of(SPACINGS, overrides=["solver.tolerance=1e-3"])
-    found = study.changed_members(changed, tmp_path)
+    found = changed_members(changed, tmp_path)
     assert len(found) == 2
     assert "members/mesh.spacing=0.2: was run with another deck" in found[0]
     assert "(solver.tolerance = 1e-06, now 0.001)" in found[0] and "--overwrite" in found[0]
-    assert study.changed_members(members_of(SPACINGS), tmp_path) == []
+    assert changed_members(members_of(SPACINGS), tmp_path) == []
     runs = Runs()  # with --overwrite
     assert go(tmp_path, runs, SPACINGS, overrides=["solver.tolerance=1e-3"]) == 0
     assert runs.started == [("mesh.spacing=0.2", True), ("mesh.spacing=0.1", True)]
@@ -238,7 +247,7 @@ def test_results_of_a_summary_are_flat():
 
 def test_figure_has_a_panel_for_each_probe_and_a_curve_for_each_other_value(tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(study, "draw_study", lambda *arguments: drawn.append(arguments))
+    monkeypatch.setattr(figure, "draw_study", lambda *arguments: drawn.append(arguments))
     go(tmp_path, Runs(), SPACINGS, "peridynamics.surface_correction=none,appendix_a")
     path, series, along, units, title, note = drawn[0]
     assert path == tmp_path / "study.png" and along == "mesh.spacing (in)" and "peridynamics only" in title
@@ -282,7 +291,7 @@ def test_a_signal_is_passed_on_and_ends_the_study(tmp_path, monkeypatch, number,
     program, ready = tmp_path / "python", tmp_path / "ready"
     program.write_text(STAND_IN.format(python=sys.executable, ready=str(ready), minds=minds))
     program.chmod(0o755)
-    monkeypatch.setattr(study.sys, "executable", str(program))
+    monkeypatch.setattr(running.sys, "executable", str(program))
 
     def interrupt():
         deadline = time.monotonic() + 20
@@ -294,7 +303,7 @@ def test_a_signal_is_passed_on_and_ends_the_study(tmp_path, monkeypatch, number,
     thread.start()
     interruption = Interruption()
     before = signal.getsignal(number)
-    code = go(tmp_path, study.starter(DECK, [], None, interruption), SPACINGS, interruption=interruption)
+    code = go(tmp_path, running.starter(DECK, [], None, interruption), SPACINGS, interruption=interruption)
     thread.join()
     assert code == 75
     assert [row["status"] for row in rows_of(tmp_path)] == ["stopped", "waiting"]

@@ -6,6 +6,7 @@ import pytest
 from pdfem_mpi.kernels.hex8 import gauss_volumes
 from pdfem_mpi.mesh.generators import box
 from pdfem_mpi.mesh.hexmesh import FACES
+from pdfem_mpi.mesh.layers import cells_near_face
 
 CELLS = 3, 2, 4
 ROUND_OFF = 1e-14  # of a few additions of numbers of order 1
@@ -87,7 +88,7 @@ def test_layers_beneath_a_face(mesh, face, layers):
     axis, position = plane(mesh, face)
     thickness = (mesh.upper - mesh.lower)[axis] / CELLS[axis]
     depth = np.abs(mesh.centroids[:, axis] - position)
-    np.testing.assert_array_equal(mesh.cells_near_face(face, layers), depth < layers * thickness)
+    np.testing.assert_array_equal(cells_near_face(mesh, face, layers), depth < layers * thickness)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from pdfem_mpi.body.discretization import discretize, make_mesh
+from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.meshing import make_mesh
 from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.regions import Region

@@ -8,7 +8,8 @@ import meshio
 import numpy as np
 import pytest
 
-from pdfem_mpi.body.discretization import discretize, make_mesh
+from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.meshing import make_mesh
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.deck.toml import parse_deck

@@ -6,7 +6,8 @@ import pytest
 from pdfem_mpi.deck.loads import BodyForce, Support, Traction
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.model.loads import free_motions, remove_rigid_motion, rigid_modes
+from pdfem_mpi.model.loads import remove_rigid_motion
+from pdfem_mpi.model.motions import free_motions, rigid_modes
 from pdfem_mpi.solvers import adr
 from support.bodies import build, make_scene
 

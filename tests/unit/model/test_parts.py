@@ -16,6 +16,8 @@ from pdfem_mpi.mesh import generators
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import parts as components
 from pdfem_mpi.model.loads import remove_rigid_motion
+from pdfem_mpi.model.mechanisms import describe_motion
+from pdfem_mpi.model.motions import left_free
 from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs.run import run
@@ -149,9 +151,9 @@ def test_motions_of_a_part_that_supports_leave_free(supports, motions):
     """The far piece: not held, held at its end face along x, held at a side too, which leaves the near piece's hold."""
     case = two_blocks(loads=(), supports=supports).case
     if motions is None:
-        assert [part.names() for part in case.loose] == ["the translation along z"]
+        assert [part.names() for part in case.unsupported] == ["the translation along z"]
     else:
-        assert [part.names() for part in case.loose] == [motions]
+        assert [part.names() for part in case.unsupported] == [motions]
 
 
 def test_pieces_in_balance_are_solved_and_settle():
@@ -160,8 +162,9 @@ def test_pieces_in_balance_are_solved_and_settle():
         BodyForce(kind="body_force", face=face, total=(0.0, sign, 0.0)) for face, sign in (("y+", 1.0), ("y-", -1.0))
     )
     body = two_blocks(loads=loads, solver="cg")
-    assert len(body.case.loose) == 2
-    assert components.describe_loose(body.case.parts, body.case.loose)[0].startswith("the body is in 2 parts")
+    assert len(body.case.unsupported) == 2
+    lines = components.describe_unsupported(body.case.parts, body.case.unsupported)
+    assert lines[0].startswith("the body is in 2 parts")
     assert equilibrium(body).residual <= 1e-6
     remove_rigid_motion(body.model, body.case, body.state.u)
     u, volume = point_rows(body.state.u), point_rows(body.case.volume)
@@ -194,7 +197,7 @@ def test_settling_takes_out_motions_and_leaves_strains():
 def test_points_and_lines_have_no_rotation_about_themselves():
     """A single point has three motions, a straight row of points five, everything else six."""
     point, line, box = np.zeros((3, 3)), np.diag([0.0, 2.0, 2.0]), np.diag([1.0, 2.0, 3.0])
-    assert [len(components._left_free(inertia, np.zeros(21))) for inertia in (point, line, box)] == [3, 5, 6]
+    assert [len(left_free(inertia, np.zeros(21))) for inertia in (point, line, box)] == [3, 5, 6]
 
 
 # --- mechanisms ----------------------------------------------------------------------------------------------
@@ -258,7 +261,7 @@ def test_motions_are_described_by_region_and_kind(mode):
         turned = np.cross(np.eye(3)[mode % 3], y) if mode > 2 else np.tile(np.eye(3)[mode], (len(x), 1))
         return np.where(far[:, None], turned, 0.0)
 
-    text = components.describe_motion(body.model, body.of_positions(motion))
+    text = describe_motion(body.model, body.of_positions(motion))
     assert text.endswith(f"move, mostly by {names[mode]}")
     if mode < 3:
         assert text.startswith("36 nodes from (5, 0, 0) to (8, 2, 2)")

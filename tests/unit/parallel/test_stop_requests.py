@@ -12,14 +12,14 @@ from pdfem_mpi.parallel import stop_requests as pausing
 from pdfem_mpi.parallel import watchdog
 from pdfem_mpi.parallel.comm import broadcast, largest, mpi, on_root, sum_integers
 from pdfem_mpi.parallel.slabs import gather_pairs, gather_slabs
-from pdfem_mpi.parallel.stop_requests import Pauses, Stopped
+from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests
 from pdfem_mpi.parallel.watchdog import Watchdog
 from pdfem_mpi.system import signals
 from pdfem_mpi.system.signals import Requests
 from support.helpers import run_python
 
 
-class CheckpointWriter:
+class Keeper:
     """Counts checkpoints; they may fail."""
 
     def __init__(self, works=True):
@@ -46,8 +46,8 @@ def clock(monkeypatch):
     return now
 
 
-def pauses(keeper=None, requests=None, end=None, **settings):
-    return Pauses(mpi().COMM_SELF, requests or Requests(), keeper or CheckpointWriter(), Checkpoint(**settings), end)
+def stop_requests(keeper=None, requests=None, end=None, **settings):
+    return StopRequests(mpi().COMM_SELF, requests or Requests(), keeper or Keeper(), Checkpoint(**settings), end)
 
 
 # --- signals ----------------------------------------------------------------------------------------------
@@ -104,13 +104,13 @@ def test_handlers_need_neither_numpy_nor_mpi():
 
 
 def test_a_stop_keeps_the_state_and_ends_the_run(clock):
-    keeper, requests = CheckpointWriter(), Requests()
-    asked = pauses(keeper, requests)
-    asked.act(asked.wishes(), state(1, 5))
+    keeper, requests = Keeper(), Requests()
+    asked = stop_requests(keeper, requests)
+    asked.act(asked.votes(), state(1, 5))
     assert keeper.saved == []
     requests.hear(signal.SIGUSR1)
     with pytest.raises(Stopped, match="asked to stop") as stop:
-        asked.act(asked.wishes(), state(1, 6))
+        asked.act(asked.votes(), state(1, 6))
     assert keeper.saved == [(1, 6)] and stop.value.kept
     with pytest.raises(Stopped):
         asked.between(state(2, 0))
@@ -120,22 +120,22 @@ def test_a_stop_says_when_nothing_could_be_kept(clock):
     requests = Requests()
     requests.hear(signal.SIGUSR1)
     with pytest.raises(Stopped) as stop:
-        pauses(CheckpointWriter(works=False), requests).between(state())
+        stop_requests(Keeper(works=False), requests).between(state())
     assert not stop.value.kept
 
 
 def test_the_votes_of_other_ranks_count(clock):
     """What is acted on are the sums over all ranks."""
-    keeper = CheckpointWriter()
+    keeper = Keeper()
     with pytest.raises(Stopped):
-        pauses(keeper).act((1, 0), state(0, 3))
-    pauses(keeper).act((0, 1), state(0, 4))
+        stop_requests(keeper).act((1, 0), state(0, 3))
+    stop_requests(keeper).act((0, 1), state(0, 4))
     assert keeper.saved == [(0, 3), (0, 4)]
 
 
 def test_no_state_is_kept_twice(clock):
-    keeper = CheckpointWriter()
-    asked = pauses(keeper)
+    keeper = Keeper()
+    asked = stop_requests(keeper)
     asked.resumed(state(1, 7))
     asked.save(state(1, 7))
     assert keeper.saved == []
@@ -145,54 +145,54 @@ def test_no_state_is_kept_twice(clock):
 
 
 def test_minutes_between_checkpoints(clock):
-    keeper = CheckpointWriter()
-    asked = pauses(keeper, minutes=10.0)
+    keeper = Keeper()
+    asked = stop_requests(keeper, minutes=10.0)
     for iteration in range(1, 26):
         clock[0] += 60.0
-        asked.act(asked.wishes(), state(0, iteration))
+        asked.act(asked.votes(), state(0, iteration))
     assert keeper.saved == [(0, 11), (0, 22)]
 
 
 def test_checkpoints_take_five_percent_of_the_time_at_most(clock):
     """One that takes 2 s, asked for every second, comes every 40 s and not more often."""
 
-    class Slow(CheckpointWriter):
+    class Slow(Keeper):
         def save(self, state):
             clock[0] += 2.0
             return super().save(state)
 
     keeper = Slow()
-    asked = pauses(keeper, minutes=1.0 / 60.0)
+    asked = stop_requests(keeper, minutes=1.0 / 60.0)
     start = clock[0]
     for iteration in range(400):
         clock[0] += 1.0
-        asked.act(asked.wishes(), state(0, iteration))
+        asked.act(asked.votes(), state(0, iteration))
     assert 8 <= len(keeper.saved) <= 11 and 2.0 * len(keeper.saved) <= 0.055 * (clock[0] - start)
 
 
 def test_iterations_and_steps_between_checkpoints(clock):
-    keeper = CheckpointWriter()
-    asked = pauses(keeper, iterations=3, steps=2)
+    keeper = Keeper()
+    asked = stop_requests(keeper, iterations=3, steps=2)
     for step in range(5):
         asked.between(state(step, 9))
         for iteration in range(1, 8):
-            asked.act(asked.wishes(), state(step, iteration))
+            asked.act(asked.votes(), state(step, iteration))
     inner = [(step, iteration) for step in range(5) for iteration in (3, 6)]
     assert [place for place in keeper.saved if place in inner] == inner
     assert (2, 9) not in keeper.saved  # two iterations' checkpoints are since the step began
 
 
 def test_steps_between_checkpoints(clock):
-    keeper = CheckpointWriter()
-    asked = pauses(keeper, steps=2)
+    keeper = Keeper()
+    asked = stop_requests(keeper, steps=2)
     for step in range(7):
         asked.between(state(step))
     assert keeper.saved == [(2, 0), (4, 0), (6, 0)]
 
 
 def test_the_time_allowed_ends_early_enough_for_a_checkpoint(clock):
-    keeper = CheckpointWriter()
-    asked = pauses(keeper, end=1100.0)
+    keeper = Keeper()
+    asked = stop_requests(keeper, end=1100.0)
     clock[0] = 1097.0
     asked.between(state(1))
     clock[0] = 1098.5
@@ -204,7 +204,7 @@ def test_the_time_allowed_ends_early_enough_for_a_checkpoint(clock):
 def test_nobody_can_set_the_clock_back(monkeypatch):
     """The time of day is not asked at all."""
     monkeypatch.setattr(time, "time", lambda: 0.0)
-    asked = pauses(end=time.monotonic() - 1.0)
+    asked = stop_requests(end=time.monotonic() - 1.0)
     with pytest.raises(Stopped):
         asked.between(state())
 

@@ -11,17 +11,8 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.results import checkpoint
-from pdfem_mpi.results.checkpoint import (
-    SEAL,
-    Invalid,
-    Writer,
-    check,
-    checkpoint_path,
-    list_checkpoints,
-    open_checkpoint,
-    remove_stale,
-    rotate,
-)
+from pdfem_mpi.results.checkpoint import SEAL, Invalid, Writer, check, open_checkpoint
+from pdfem_mpi.results.checkpoint_files import checkpoint_path, list_checkpoints, remove_stale, rotate
 
 TABLES = {"points/u": (700, 3, np.dtype("<f8")), "broken": (5, 2, np.dtype("<u4")), "nodes/u": (0, 3, np.dtype("<f8"))}
 STATE = {"step": 3, "load_factor": 0.1 + 0.2, "iteration": 2, "spent": 7, "seconds": 1.5, "program": {"relaxing": 1}}

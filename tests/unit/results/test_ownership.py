@@ -293,10 +293,10 @@ def test_a_run_that_waits_for_its_deck_ends_at_a_signal(tmp_path):
     """Rank 0 reads for ever here; there is nothing to keep, and the code is that of a run that was stopped."""
     code = """
 import time
-from pdfem_mpi.command import cli
+from pdfem_mpi.command import cli, world
 from pdfem_mpi.system import signals
 signals.SET_UP_SECONDS = 0.3
-cli.read_text = lambda deck: (print("reading", flush=True), time.sleep(60))
+world.read_text = lambda deck: (print("reading", flush=True), time.sleep(60))
 cli.main()
 """
     process = subprocess.Popen(

@@ -12,7 +12,8 @@ from pdfem_mpi.deck.outputs import Checkpoint, DisplacementProbe, LineProbe, Out
 from pdfem_mpi.deck.table import DeckError
 from pdfem_mpi.deck.toml import read_deck
 from pdfem_mpi.results import checkpoint
-from pdfem_mpi.results.checkpoint import Invalid, check, list_checkpoints
+from pdfem_mpi.results.checkpoint import Invalid, check
+from pdfem_mpi.results.checkpoint_files import list_checkpoints
 from pdfem_mpi.results.guarded import guarded
 from support.reporters import Listener
 from support.restarts import StopAt, alone, differing, in_child, outcome, relaxed

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from pdfem_mpi.body.discretization import describe_cracked_overlap, discretize
+from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.overlap import describe_cracked_overlap
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.meshes import BoxMesh
 from pdfem_mpi.deck.peridynamics import Crack, Peridynamics

@@ -14,7 +14,8 @@ from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.measure.fields import digest_fields, fields_sha256
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.results.checkpoint import list_checkpoints, open_checkpoint
+from pdfem_mpi.results.checkpoint import open_checkpoint
+from pdfem_mpi.results.checkpoint_files import list_checkpoints
 from pdfem_mpi.runs.memory_estimate import resident
 from pdfem_mpi.runs.memory_report import PARTS
 from pdfem_mpi.runs.run import run

@@ -13,7 +13,8 @@ from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.outputs import Checkpoint, DisplacementProbe, Output
 from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.results import checkpoint, vtkhdf
-from pdfem_mpi.results.checkpoint import check, list_checkpoints
+from pdfem_mpi.results.checkpoint import check
+from pdfem_mpi.results.checkpoint_files import list_checkpoints
 from pdfem_mpi.system import faults
 from pdfem_mpi.system.lock import Lock
 from support.reporters import Listener

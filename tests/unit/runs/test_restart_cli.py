@@ -14,7 +14,8 @@ import pytest
 from pdfem_mpi.deck.outputs import Output
 from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.toml import write_deck
-from pdfem_mpi.results.checkpoint import check, list_checkpoints
+from pdfem_mpi.results.checkpoint import check
+from pdfem_mpi.results.checkpoint_files import list_checkpoints
 from pdfem_mpi.system import faults
 from support.bodies import make_scene
 from support.helpers import ROOT, outside_launcher, run_pdfem

@@ -6,8 +6,10 @@ import pytest
 from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.deck.programs import Events, Steps
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
-from pdfem_mpi.stepping import events
+from pdfem_mpi.stepping import avalanche, equilibria
 from pdfem_mpi.stepping.arrest import LEFT, MOST_DRIFT
+from pdfem_mpi.stepping.avalanche import Avalanche
+from pdfem_mpi.stepping.ledger import Ledger
 from support.failing import CHIP, DEAD, EDGE, GUIDED, STRETCH, chipped, failing, followed, numbers, strip
 
 CLOSED = 1e-10  # of the work: round-off of thousands of sums; 1e-14 is found
@@ -188,7 +190,7 @@ def test_what_comes_loose_loses_its_load(capsys, kinematics):
             break
         at = max(at, row.load_factor)
     bare.failure.restore(bare.body.model, run.failure.broken_pairs(), run.failure.dissipated_digits)
-    bare.solve.soften(bare.failure.take())
+    bare.solve.update_after_breaks(bare.failure.take())
     (alone,) = bare.follow(1)
     assert row.load_factor == pytest.approx(alone.load_factor, rel=1e-6)
     assert row.reaction == pytest.approx(alone.reaction, rel=1e-6)
@@ -205,7 +207,7 @@ def test_a_program_taken_up_again_keeps_its_counts(capsys):
             break
     state = run.body.state
     state.program["adrift"] = 2.0
-    books = events._Events(run.body.scene.stepping, run.solve, run.failure, state, run.body.case, lambda *told: None)
+    books = ledger_of(run)
     assert books.case.load < run.body.case.load
     assert state.program["adrift"] == 2.0
     assert capsys.readouterr().out == ""
@@ -227,7 +229,7 @@ def test_stagnation_is_named(monkeypatch):
         step[:] = 0.0
         return 0.0, 0.0
 
-    monkeypatch.setattr(events.cg, "improve", nothing)
+    monkeypatch.setattr(avalanche.cg, "improve", nothing)
     run = failing(strip())
     with pytest.raises(NotConverged, match=r"after \d+ broken bonds .* stagnates at .* The last bonds"):
         list(run.follow())
@@ -252,7 +254,7 @@ def test_energy_control_keeps_a_bond_critical():
 
 def test_energy_control_relaxes_until_it_is_enough(monkeypatch):
     """Loads are scaled in equilibrium only, also where one relaxation does not get there."""
-    monkeypatch.setattr(events, "MOST_SWEEPS", 6)
+    monkeypatch.setattr(avalanche, "MOST_SWEEPS", 6)
     rows = followed(strip(control="energy", report_every=1, arrest_tolerance=1e-5), 10).rows
     assert max(row.convergence.residual for row in rows) <= 1e-5
 
@@ -289,25 +291,23 @@ def test_bracket_does_not_trust_a_loose_state():
     found = state.load_factor
     state.load_factor *= 0.9
     state.u[:] *= 0.9
-    books = events._Events(run.body.scene.stepping, run.solve, run.failure, state, run.body.case, lambda *told: None)
-    books._evaluate()
-    books._bracket(1.001, np.inf)
+    books = ledger_of(run)
+    books.evaluate()
+    equilibria.bracket(books, 1.001, np.inf)
     assert state.load_factor == pytest.approx(found, rel=BRACKETED)
 
 
-def books_of(run):
-    return events._Events(
-        run.body.scene.stepping, run.solve, run.failure, run.body.state, run.body.case, lambda *told: None
-    )
+def ledger_of(run):
+    return Ledger(run.body.scene.stepping, run.solve, run.failure, run.body.state, run.body.case, lambda *told: None)
 
 
 def test_a_part_that_stays_out_of_equilibrium_is_told_with_its_place(monkeypatch):
     """The sentence names what moved at last."""
     run = followed(strip(kinematics="finite"), 1)
-    books, state = books_of(run), run.body.state
+    books, state = Avalanche(ledger_of(run)), run.body.state
     state.program["relative"] = 211.0
     books.step[:] = state.u
-    monkeypatch.setattr(books, "_find_rest", lambda: False)
+    monkeypatch.setattr(avalanche, "find_rest", lambda ledger: False)
     with pytest.raises(NotConverged, match=r"stagnates at 211, .* Still moving: \d+ points from \(.*\) to \(.*\) move"):
         books._refuse_stagnation(211.0)
 
@@ -317,26 +317,26 @@ def test_a_part_that_stays_out_of_equilibrium_is_told_with_its_place(monkeypatch
 def test_what_stagnates_comes_to_rest_with_closed_books(options, breaks_down, monkeypatch):
     """Displacements out of equilibrium, as of a part that swings: what loads work and nothing stores is released."""
     run = followed(strip(kinematics="finite", **options), 1)
-    books, state = books_of(run), run.body.state
+    books, state = ledger_of(run), run.body.state
     if breaks_down:
 
         def broken_down(*arguments):
             raise Breakdown("for a test.")
 
-        monkeypatch.setattr(events.cg, "solve", broken_down)
+        monkeypatch.setattr(equilibria.cg, "solve", broken_down)
     moved = 1e-3 * np.random.default_rng(3).uniform(-1.0, 1.0, len(state.u))
     state.u[:] += np.where(run.body.case.fixed, 0.0, moved)
-    books._evaluate()
+    books.evaluate()
 
     def difference():
-        return state.program["work"] - books._stored() - state.program["released"]
+        return state.program["work"] - books.stored() - state.program["released"]
 
     before, program = difference(), dict(state.program)
     assert program["relative"] > 10.0 * run.body.scene.stepping.arrest_tolerance
-    books._refuse_stagnation(program["relative"])
+    Avalanche(books)._refuse_stagnation(program["relative"])
     assert state.program["relative"] <= run.body.scene.stepping.arrest_tolerance
     assert state.program["released"] > program["released"]
-    assert difference() == pytest.approx(before, abs=1e-12 * abs(books._stored()) + 1e-12 * abs(before))
+    assert difference() == pytest.approx(before, abs=1e-12 * abs(books.stored()) + 1e-12 * abs(before))
 
 
 @pytest.mark.slow

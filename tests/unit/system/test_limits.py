@@ -12,6 +12,7 @@ from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.table import DeckError, SceneError
 from pdfem_mpi.deck.toml import MOST_PROBLEMS, parse_deck, read_deck
 from pdfem_mpi.mesh.hexmesh import HexMesh
+from pdfem_mpi.mesh.layers import cells_near_face
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs import memory_estimate as memory
 from pdfem_mpi.system import limits
@@ -115,7 +116,7 @@ def test_more_layers_than_cells_are_all_cells():
     begun = time.process_time()
     scene = parse_deck(TINY.replace('face = "x+"', 'face = "x+"\nlayers = 1000000000000'), "deck")
     mesh = discretize(scene).mesh
-    assert isinstance(mesh, HexMesh) and mesh.cells_near_face("x+", scene.loads[0].layers).all()
+    assert isinstance(mesh, HexMesh) and cells_near_face(mesh, "x+", scene.loads[0].layers).all()
     (message,) = refused(TINY + "\n[coupling]\noverlap = 1000000000000\n")
     assert "leaves no finite element outside the overlap" in message
     assert time.process_time() - begun < 2.0 * SECONDS

@@ -187,8 +187,8 @@ def test_a_second_user_plants_a_cache_in_vain(monkeypatch, where):
 
 AGREE = """
 import os
-from pdfem_mpi.command import cli
-comm = cli._start_world(None)
+from pdfem_mpi.command.world import start_world
+comm = start_world(None)
 os.write(1, f"<{os.environ['NUMBA_CACHE_DIR']}>".encode())
 comm.Barrier()
 """

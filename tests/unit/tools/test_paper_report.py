@@ -5,7 +5,7 @@ import re
 
 import matplotlib.image
 
-from pdfem_mpi.command import study as package_study
+from pdfem_mpi.command.study import figure
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs.run import run
 from support import paper_numbers
@@ -56,7 +56,7 @@ def test_coarse_set_from_decks_to_the_document(tmp_path, monkeypatch, capsys):
     """All series, all figures, no number left out; then the same again, for which nothing has to be run."""
     monkeypatch.setattr(drawings, "DPI", 50)  # texts take most of the time
     monkeypatch.setattr(drawings, "LAYOUT", "none")
-    monkeypatch.setattr(package_study, "draw_study", lambda *rest: None)
+    monkeypatch.setattr(figure, "draw_study", lambda *rest: None)
     measured = json.loads(json.dumps(paper_numbers.paper_numbers(full=False)))
     series = make_series(full=False)
     runs = tmp_path / "runs"

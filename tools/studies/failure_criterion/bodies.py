@@ -240,6 +240,6 @@ def break_by_rule(solve, failure, state, external, margin=0.0, residual=None) ->
     failure.break_at(forces.model, forces.S, margin)
     count = failure.close(forces.model)
     if count:
-        solve.soften(failure.take())
+        solve.update_after_breaks(failure.take())
         forces.evaluate_surely(state.u, external, residual)
     return count

@@ -223,7 +223,7 @@ def tables() -> dict[str, list[str]]:
 def prepare() -> None:
     """Loosen the fits, and let bonds break by the rules of this study."""
     internals.equations.TOLERANCE = FIT_TOLERANCE
-    internals.events.break_bonds = break_by_rule
+    internals.ledger.break_bonds = break_by_rule
 
 
 def draw() -> None:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.deck.loads import BodyForce, Support
-from pdfem_mpi.model.loads import rigid_modes
 from pdfem_mpi.model.model import build_intact_elements
+from pdfem_mpi.model.motions import rigid_modes
 from pdfem_mpi.solvers.preconditioner import coarse_grid as grid
 from pdfem_mpi.solvers.preconditioner.blocks import inverted, node_blocks, point_blocks, softest
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner

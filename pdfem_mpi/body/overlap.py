@@ -1,0 +1,132 @@
+"""The overlap of peridynamics and finite elements: its cells, and what they cannot be crossed or filled by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pdfem_mpi.body.fitted_bodies import same_bonds
+from pdfem_mpi.body.materials import MaterialTable
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, gauss_positions
+from pdfem_mpi.mesh.crossings import cross_polygon
+from pdfem_mpi.mesh.faces import match_faces
+from pdfem_mpi.mesh.hexmesh import HexMesh, list_cells
+
+if TYPE_CHECKING:
+    from pdfem_mpi.body.discretization import Discretization
+
+#: Pairs of the eight points of a cell that differ in one coordinate.
+_POINT_EDGES = np.array([(a, b) for a in range(8) for b in range(a) if (GAUSS_POINTS[a] != GAUSS_POINTS[b]).sum() == 1])
+
+
+def check_overlap_materials(scene: Scene, mesh: HexMesh, region: np.ndarray, wrong: np.ndarray) -> None:
+    """Refuse cells of the overlap whose material cannot have bonds."""
+    messages = []
+    for index in np.unique(region[wrong]):
+        entry = scene.regions[index]
+        cells = wrong & (region == index)
+        messages.append(
+            f"regions.{entry.name}.material has another Poisson's ratio than 1/4, and {np.count_nonzero(cells)} of its "
+            f"cells are in the overlap, where points share bonds, the first {list_cells(mesh, cells)}. Put a region of "
+            f"finite elements with Poisson's ratio 0.25, at least coupling.overlap = {scene.coupling.overlap} cells "
+            "deep, between it and peridynamics."
+        )
+    if messages:
+        raise SceneError(messages)
+
+
+def check_joints(scene: Scene, materials: MaterialTable, material: np.ndarray, body: np.ndarray) -> None:
+    """Refuse what bonds between fitted bodies would be needed for: there are none."""
+    if not body.max() > 0:
+        return
+    names = " and ".join(materials.names[k] for k in np.unique(material[body >= 0]))
+    why = (
+        f'peridynamics.surface_correction = "fitted" joins the bodies of {names}, whose bonds differ in stiffness, by '
+        "common nodes: no bond runs between them"
+    )
+    messages = [
+        f"interfaces.{index} is of bonds between {' and '.join(interface.between)}, and {why}. Remove it, or use "
+        '"virial".'
+        for index, interface in enumerate(scene.interfaces)
+        if len({same_bonds(materials)[materials.names.index(name)] for name in interface.between}) > 1
+    ]
+    if any(entry.can_fail for entry in (scene.material, *scene.materials.values(), *scene.interfaces)):
+        messages.append(f'{why}, so that interfaces could not break. Use "virial" where bonds may break.')
+    if messages:
+        raise SceneError(messages)
+
+
+def check_cracks(scene: Scene, mesh: HexMesh, joints: np.ndarray) -> None:
+    """Refuse cracks through the cells of joints: no cut of bonds parts points that follow common nodes."""
+    messages = [
+        f"cracks.{index}.polygon passes through {np.count_nonzero(hit)} cells by which "
+        'peridynamics.surface_correction = "fitted" joins bonds to others, or to elements, of another '
+        f"stiffness, the first {list_cells(mesh, hit)}: their points follow common nodes, which no crack parts. "
+        'End it a cell before the interface, or use "virial".'
+        for index, hit in _cracked(scene, mesh, joints)
+    ]
+    if messages:
+        raise SceneError(messages)
+
+
+def describe_cracked_overlap(scene: Scene, discretization: Discretization) -> list[str]:
+    """Sentences about cracks through the overlap, which cut bonds and part nothing."""
+    mesh = discretization.mesh
+    return [
+        f"warning: cracks.{index} passes through {np.count_nonzero(hit)} cells of the overlap, the first "
+        f"{list_cells(mesh, hit)}: their points follow element nodes, so that it cuts bonds there and does not open. "
+        "End it at the interface."
+        for index, hit in _cracked(scene, mesh, discretization.is_overlap)
+    ]
+
+
+def _cracked(scene: Scene, mesh: HexMesh, following: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Cracks through cells whose points follow nodes: their number, and the cells; bool, shape (n_cells,)."""
+    for index, crack in enumerate(scene.cracks):
+        corners = np.array(crack.polygon)
+        margin = mesh.largest_edge
+        near = following & mesh.cells_in_box(corners.min(axis=0) - margin, corners.max(axis=0) + margin)
+        if not near.any():
+            continue
+        cells, faces = np.flatnonzero(near), match_faces(mesh, near)
+        points = gauss_positions(mesh.nodes[mesh.cells[cells]])
+        one, two = (np.repeat(k, len(cells)) for k in _POINT_EDGES.T)
+        hit = np.zeros(len(following), bool)
+        place = np.tile(np.arange(len(cells)), len(_POINT_EDGES))
+        hit[cells[place[cross_polygon(crack.polygon, points[place, one], points[place, two])]]] = True
+        ends = np.stack([cells[faces.one // 6], cells[faces.two // 6]], axis=1)
+        reach = GAUSS_POINTS.max() / 2.0 * np.diff(mesh.centroids[ends], axis=1)[:, 0]
+        start, stop = mesh.centroids[ends[:, 0]] + reach, mesh.centroids[ends[:, 1]] - reach
+        hit[ends[cross_polygon(crack.polygon, start, stop)]] = True
+        if hit.any():
+            yield index, hit
+
+
+def find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray, stays: np.ndarray | bool = False) -> np.ndarray:
+    """Layers of cells on the finite-element side of the interface, some of which stay elements all the same."""
+    if peridynamic.all() or not peridynamic.any():
+        return np.zeros(len(peridynamic), bool)
+    reached = peridynamic
+    for layer in range(1, scene.coupling.overlap + 1):
+        wider = mesh.neighbours(reached)
+        if layer == 1 and not (wider & ~reached).any():
+            raise SceneError(
+                ["regions: the peridynamic and the finite-element cells share no node. Let them touch."]
+            )
+        if not (stays | ~wider).any() or not (stays | (wider & ~reached)).any():
+            deep = f"{layer} layer{'s' if layer > 1 else ''} deep"
+            remedy = f"Use at most {layer - 1}, or enlarge them" if layer > 1 else "Enlarge them"
+            raise SceneError(
+                [
+                    f"coupling.overlap = {scene.coupling.overlap} leaves no finite element outside the overlap: the "
+                    f"finite-element regions are {deep}, seen from the interface. {remedy}."
+                ]
+            )
+        if np.array_equal(wider, reached):
+            break
+        reached = wider
+    return reached & ~peridynamic
