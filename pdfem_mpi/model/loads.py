@@ -22,9 +22,9 @@ from pdfem_mpi.mesh import named_sets
 from pdfem_mpi.mesh.rigid_motions import write_rigid_motion
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.parts import Loose, Parts, find_loose, find_parts, settle, unbalanced, without_equilibrium
-from pdfem_mpi.model.unknowns import by_component, cluster_layout
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.parallel.sums import exact_dots
+from pdfem_mpi.peridynamics.clusters import by_component, cluster_layout
 from pdfem_mpi.peridynamics.fit.areas import face_shares
 
 #: Loads work on a free rigid motion when this fraction of their absolute work is left over.

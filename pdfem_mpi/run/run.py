@@ -28,9 +28,11 @@ from pdfem_mpi.measure.bar import Bar, bar_results, measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import Fields, digest_fields, fields_sha256, gather_damage, gather_fields, point_positions
 from pdfem_mpi.measure.line import Line, measure_line
-from pdfem_mpi.model.forces import Forces, NotFinite
+from pdfem_mpi.model.breaking import make_failure
+from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import Model, build_model
+from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.model.parts import describe_loose
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import NotWritten, agree, broadcast, largest, node_communicator, on_root, sum_integers
@@ -38,7 +40,7 @@ from pdfem_mpi.parallel.stop_requests import Pauses, Stopped, place_of
 from pdfem_mpi.parallel.watchdog import Asleep, Watchdog, patience
 from pdfem_mpi.peridynamics.bonds import count_by_material, total_bonds
 from pdfem_mpi.peridynamics.damage import Remaining
-from pdfem_mpi.peridynamics.failure import Failure, make_failure
+from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.peridynamics.fit.fit import EXPECTED_SWEEPS, SWEEP_RATE, BodyFit
 from pdfem_mpi.results.cursor import continue_frames, continue_history, flushed, set_aside, unchecked
 from pdfem_mpi.results.frame_digest import FrameDigest

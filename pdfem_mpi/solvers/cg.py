@@ -24,7 +24,8 @@ import numpy as np
 
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.krylov import finish_product, take_step
-from pdfem_mpi.model.forces import Forces, NotFinite
+from pdfem_mpi.model.forces import Forces
+from pdfem_mpi.model.not_finite import NotFinite, describe_not_finite
 from pdfem_mpi.model.parts import describe_motion
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import largest, sum_integers
@@ -108,7 +109,7 @@ def solve(
         )
         if not math.isfinite(square):
             with rise.guarded(u):
-                raise NotFinite(forces.describe_not_finite(u, residual))
+                raise NotFinite(describe_not_finite(forces.model, u, residual))
         largest_met = max(largest_met, load, held)
         reference = math.sqrt(max(load, held, FORCELESS**2 * largest_met)) or 1.0
         before, norm = norm, math.sqrt(square)
@@ -321,7 +322,7 @@ class Sequence:
                 forces.guess_bounds(self.z)
             gamma_old, (gamma, delta) = gamma, self._sweep(r)
             if math.isnan(gamma) or math.isnan(delta):
-                raise NotFinite(forces.describe_not_finite(self.z, self.w))
+                raise NotFinite(describe_not_finite(forces.model, self.z, self.w))
             beta = gamma / gamma_old if gamma_old else 0.0
             curvature = delta - beta * beta * curvature
             length = gamma + beta * beta * length  # p . P^-1 p

@@ -18,13 +18,14 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from pdfem_mpi.deck.programs import Events
-from pdfem_mpi.model.forces import Forces, NotFinite
+from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase, remove_rigid_motion, without_loads_on_loose_parts
+from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.model.parts import NAMED, describe_motion
 from pdfem_mpi.model.state import State
-from pdfem_mpi.model.unknowns import by_component
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.parallel.sums import exact_dots
+from pdfem_mpi.peridynamics.clusters import by_component
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers import adr, cg
 from pdfem_mpi.solvers.convergence import Breakdown, Convergence, NotConverged, Progress
@@ -158,7 +159,7 @@ class _Events:
             return False
         if program["adrift"]:
             return True
-        ratio = self.failure.largest_ratio(self.model, self.forces.S)
+        ratio = self.forces.largest_ratio(self.failure)
         if ratio == 0.0:
             raise NotConverged("the load stretches no bond that may break. Load the body otherwise.")
         limit = math.inf if settings.end_load_factor is None else settings.end_load_factor
@@ -310,11 +311,11 @@ class _Events:
         state, failure = self.state, self.failure
         if self._size(self.step) * fraction <= state.program["size"]:
             return fraction
-        limit = max(MOST_STRETCH, failure.largest_ratio(self.model, self.forces.S))
+        limit = max(MOST_STRETCH, self.forces.largest_ratio(failure))
         force, external = np.empty_like(state.u), self._external()
         for _ in range(MOST_HALVINGS):
             self.forces.evaluate_surely(state.u + fraction * self.step, external, force)
-            if failure.largest_ratio(self.model, self.forces.S) <= limit:
+            if self.forces.largest_ratio(failure) <= limit:
                 break
             fraction *= 0.5
         self._count()
@@ -369,14 +370,14 @@ class _Events:
 
     def _is_settled(self) -> bool:
         """Whether what the residual leaves open does not matter at the state of the last evaluation. Collective."""
-        failure, table, below = self.failure, self.forces.S, 1.0 - self.settings.eta
-        ratio = failure.largest_ratio(self.model, table)
+        failure, below = self.failure, 1.0 - self.settings.eta
+        ratio = self.forces.largest_ratio(failure)
 
         def decides(change: float) -> bool:
             if self.settings.control == "load":  # at this load: does a bond break?
                 return ratio + change > below
             # at the load that makes the largest critical: which bonds break with it?
-            return failure.largest_ratio(self.model, table, below * ratio + change) > below * ratio - change
+            return self.forces.largest_ratio(failure, below * ratio + change) > below * ratio - change
 
         return arrest.is_settled(
             self.state.program, ratio, self.settings.arrest_tolerance, self._first_look, decides
@@ -451,7 +452,7 @@ class _Events:
             state.load_factor = target
             self._prescribe()
             self._equilibrate(self.solve.settings.tolerance)
-            ratio = self.failure.largest_ratio(self.model, self.forces.S)
+            ratio = self.forces.largest_ratio(self.failure)
             if abs(ratio - 1.0) <= BRACKET or (target == limit and ratio < 1.0):
                 break
             low, high = (target, high) if ratio < 1.0 else (low, target)

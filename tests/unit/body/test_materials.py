@@ -15,9 +15,10 @@ from pdfem_mpi.kernels.surface_correction import INFINITE_RESPONSE
 from pdfem_mpi.measure.bar import bar_results, measure_bar
 from pdfem_mpi.model import model as model_module
 from pdfem_mpi.model.model import build_intact_elements
-from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.peridynamics.bonds import count_by_material
-from pdfem_mpi.peridynamics.failure import UNBREAKABLE, critical_stretches
+from pdfem_mpi.peridynamics.clusters import point_rows
+from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE, critical_stretches
+from pdfem_mpi.peridynamics.point_blocks import point_blocks
 from pdfem_mpi.solvers.preconditioner import blocks
 from pdfem_mpi.solvers.preconditioner import coarse_grid as grid
 from support.bodies import YOUNGS_MODULUS, build, fields_of_positions, make_scene
@@ -273,7 +274,7 @@ def test_a_soft_material_is_not_held_still():
     """A block is soft by its own material's measure: 1e-5 of a contrast is no missing stiffness."""
     body = build(scene_of(1e-5), loaded=False)
     n = body.model.unknowns.n_points
-    values = blocks.point_blocks(body.model).values()
+    values = point_blocks(body.model.points, body.model.bonds).values()
     modulus = np.repeat(body.discretization.youngs_modulus[body.model.subdomain.free], 8)
     limit = blocks.softest(body.model.comm, values, modulus)
     np.testing.assert_allclose(limit, modulus * limit.max(), rtol=1e-12)

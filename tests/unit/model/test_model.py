@@ -5,7 +5,7 @@ import pytest
 
 from pdfem_mpi.kernels.finite_elements import element_stiffness
 from pdfem_mpi.model import model as model_module
-from pdfem_mpi.model.unknowns import cluster_layout, point_rows
+from pdfem_mpi.peridynamics.clusters import cluster_layout, point_rows
 from support.bodies import build, make_scene
 
 ROUND_OFF = 1e-12  # of sums of some hundred terms of one sign

@@ -16,8 +16,8 @@ from pdfem_mpi.mesh import generators
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import parts as components
 from pdfem_mpi.model.loads import remove_rigid_motion
-from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.run.run import run
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import make_solver
