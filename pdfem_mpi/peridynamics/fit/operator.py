@@ -1,8 +1,8 @@
 """Sums over the bonds for the ten moments of every point: the operator of the fit, its blocks, and writing factors.
 
 Vectors over the owned points have the shape (n_clusters, 10, 4); the ten components count every entry of the
-symmetric tensor once, so that their Euclidean norm is the tensor's. See `kernels/bond_factors.py` for the table and
-`bond_factors` for the fit.
+symmetric tensor once, so that their Euclidean norm is the tensor's. See `kernels/bond_moments.py` for the table and
+`equations` for the fit.
 """
 
 from __future__ import annotations

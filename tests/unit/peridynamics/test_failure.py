@@ -15,8 +15,8 @@ from pdfem_mpi.deck.table import DeckError
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.kernels.exact_sums import BITS
 from pdfem_mpi.mesh.hexmesh import HexMesh
+from pdfem_mpi.model import breaking
 from pdfem_mpi.model.breaking import make_failure
-from pdfem_mpi.peridynamics import failure as failure_module
 from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE, critical_stretches, point_classes
 from pdfem_mpi.peridynamics.point_blocks import point_blocks
 from pdfem_mpi.run.failure_notes import describe_criterion
@@ -180,7 +180,7 @@ def test_books_of_broken_bonds():
 def test_few_records_at_a_time_change_nothing(monkeypatch):
     """Sweeps that fill their records stop, are booked and go on: the same bonds and energies."""
     expected = followed(strip(), 12)
-    monkeypatch.setattr(failure_module, "RECORDS", 1)
+    monkeypatch.setattr(breaking, "RECORDS", 1)
     run = failing(strip())
     assert len(run.failure.pairs) < expected.failure.count
     list(run.follow(12))
@@ -204,7 +204,7 @@ def test_long_elements_far_away_do_not_lengthen_what_is_near():
     nodes[:, 0] = np.where(nodes[:, 0] < 2.0, 2.0 + 8.0 * (nodes[:, 0] - 2.0), nodes[:, 0])
     longer = replace(discretization, mesh=HexMesh(nodes, discretization.mesh.cells))
     assert longer.mesh.average_edge > 1.2 * discretization.mesh.average_edge
-    assert failure_module._mean_edge(longer) == failure_module._mean_edge(discretization)
+    assert breaking._mean_edge(longer) == breaking._mean_edge(discretization)
 
 
 # --- breaking again
