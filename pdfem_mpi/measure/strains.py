@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.model.forces import measured
-from pdfem_mpi.model.model import Model, TurningElements
+from pdfem_mpi.finite_elements.element_forces import measured
+from pdfem_mpi.finite_elements.elements import TurningElements
+from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import agree, largest
 
 #: Strains from here on are told: stresses of elements and of bonds then differ by a tenth.

@@ -24,8 +24,8 @@ from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsup
 from pdfem_mpi.model.selection import select_cells
 from pdfem_mpi.model.supports import prescribe
 from pdfem_mpi.model.tractions import traction_forces
-from pdfem_mpi.model.unknowns import cluster_layout
 from pdfem_mpi.parallel.sums import exact_dots
+from pdfem_mpi.peridynamics.clusters import cluster_layout
 
 
 @dataclass(frozen=True)

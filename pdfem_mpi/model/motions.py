@@ -9,9 +9,9 @@ import numpy as np
 
 from pdfem_mpi.mesh.rigid_motions import rigid_motions, write_rigid_motion
 from pdfem_mpi.model.model import Model
-from pdfem_mpi.model.unknowns import by_component
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.parallel.sums import exact_dots
+from pdfem_mpi.peridynamics.clusters import by_component
 
 #: A motion is free when the supports keep less than this fraction of what they keep of the best held one.
 FREE = 1e-9

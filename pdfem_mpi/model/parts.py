@@ -16,13 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.kernels.components import join_bonds, join_rows, spread_smallest
+from pdfem_mpi.kernels.components import join_rows, spread_smallest
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import PAIRS, left_free, modes_at, motion_names
-from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.parallel.comm import distinct, largest, sum_integers
-from pdfem_mpi.peridynamics.images import MAGNITUDES, SCALAR, halo_for
+from pdfem_mpi.peridynamics.clusters import point_rows
+from pdfem_mpi.peridynamics.images import SCALAR, halo_for
 
 #: Parts that a message names, at most.
 NAMED = 3
@@ -79,8 +79,7 @@ def find_parts(model: Model) -> Parts:
     if points:
         label[:n_points] = (8 * points.cell_number[:, None] + np.arange(8)).reshape(-1)
         bonded = np.zeros(n_points, np.int64)
-        for rows in bonds.rows:
-            join_bonds(*rows.arrays, 2 * W if bonds.finite else W, parent, bonded)
+        bonds.join(parent, bonded)
         halo_for(points.halo, SCALAR).scatter_reverse(bonded.reshape(-1, 2, 1, W))
         if points.images:
             source = points.images.source  # what hangs on an image hangs on its point
@@ -159,21 +158,8 @@ def _kept_by_planes(model: Model, parts: Parts) -> np.ndarray:
     """
     across = np.zeros((len(parts.of), 3), np.int64)
     if model.points:
-        points, boundary = model.points, model.bonds.boundary
-        images = points.images
-        n_real = len(points.cell_number) - len(images.source)
-        table = np.zeros((len(points.cell_number), 2, 3, W), np.int64)
-        cluster = boundary.offset[:-1].astype(np.int64) // (9 * W)
-        row = np.flatnonzero(cluster // 2 >= n_real)
-        stride = 2 * W if model.bonds.finite else W
-        slot, lane = np.nonzero(boundary.data.reshape(-1, stride)[row, :W])
-        row = row[slot]
-        axes = ((images.sign < 0.0) | (images.shift != 0.0))[cluster[row] // 2 - n_real]
-        own = np.searchsorted(boundary.start, row, side="right") - 1
-        for c, k in ((own // W, own % W), (cluster[row], lane)):
-            np.add.at(table, (c // 2, c % 2, slice(None), k), axes)
-        halo_for(points.halo, MAGNITUDES).scatter_reverse(table)
-        across[: 8 * points.n_free] = table[: points.n_free].swapaxes(2, 3).reshape(-1, 3)
+        n = 8 * model.points.n_free
+        across[:n] = model.bonds.planes_crossed(model.points)[:n]
     across = sum_over_parts(model.comm, parts, np.ones(len(across), bool), across) > 0.0
     others = across.sum(axis=1)[:, None] - across
     return np.concatenate([across, others > 0], axis=1)

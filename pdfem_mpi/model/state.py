@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pdfem_mpi.model.forces import Bounds
+from pdfem_mpi.model.bounds import Bounds
 from pdfem_mpi.model.model import Model
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from pdfem_mpi.kernels.local_damage import add_bond_weights, add_listed_weights
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest
-from pdfem_mpi.peridynamics.bonds import Bonds, Points
+from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.images import SCALAR, halo_for
+from pdfem_mpi.peridynamics.points import Points
 
 #: A term has this many bits: a point may have ``2**(63 - TERM_BITS)`` bonds, far more than fit into memory.
 TERM_BITS = 40

@@ -17,26 +17,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.body.materials import bond_stretches
-from pdfem_mpi.deck.regions import Region
-from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels import failure
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry, value
-from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.kernels.simd import W
-from pdfem_mpi.mesh.hexmesh import HexMesh
-from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.peridynamics.bonds import Bonds
+from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE
+from pdfem_mpi.peridynamics.points import Points
 
-#: Critical stretch of bonds that do not break: far above any stretch, and its square is finite.
-UNBREAKABLE = 1e100
-#: Fitted bonds up to this fraction of the mean edge of the cells with bonds set no load: where strains vary, the
-#: distance of the nearest points reads up to a third too much (docs/failure_criterion.md).
-TOO_NEAR = 0.5
-#: Classes of points that one byte tells apart.
-MOST_CLASSES = 256
 #: Records a sweep can hold before they are booked; a point with more rows gets more.
 RECORDS = 16384
 
@@ -60,7 +48,7 @@ class Failure:
     stretch : float64, shape (n_classes, n_classes)
         Critical stretch by the classes of the two points; at least `UNBREAKABLE` if the bond does not break.
     pairs, strengths, counter
-        Records of the sweep under way (see kernels/peridynamics.py).
+        Records of the sweep under way (see kernels/bond_forces.py).
     nearest : float, dimension length
         Bonds up to this length break like others, but do not tell at which load the next bond breaks.
     global_pairs : list of int64 arrays (n, 2)
@@ -112,7 +100,7 @@ class Failure:
         """What the sweeps write to."""
         return self.pairs, self.strengths, self.counter
 
-    def book(self, model: Model, S: np.ndarray) -> None:
+    def book(self, points: Points, bonds: Bonds, S: np.ndarray) -> None:
         """Empty the records into the books; the bonds' energies are those at the displacements of the table ``S``."""
         n = int(self.counter[0])
         if n == 0:
@@ -120,26 +108,26 @@ class Failure:
         self.counter[0] = 0
         pairs, strengths = self.pairs[:n].copy(), self.strengths[:n].copy()
         energies = np.empty(n)
-        failure.broken_energies(pairs, strengths, n, S.reshape(-1), model.bonds.finite, energies)
+        failure.broken_energies(pairs, strengths, n, S.reshape(-1), bonds.finite, energies)
         add_products(energies, np.ones(n), self._digits)
-        self._enter(model, pairs, strengths)
+        self._enter(points, pairs, strengths)
 
-    def _enter(self, model: Model, pairs: np.ndarray, strengths: np.ndarray) -> None:
-        ids = 8 * model.points.cell_key[pairs // 8] + pairs % 8
+    def _enter(self, points: Points, pairs: np.ndarray, strengths: np.ndarray) -> None:
+        ids = 8 * points.cell_key[pairs // 8] + pairs % 8
         self.global_pairs.append(np.sort(ids, axis=1))
         place = 12 * (pairs // W) + pairs % W
         for d in range(3):
-            middle = 0.5 * (model.points.x[place[:, 0] + W * d] + model.points.x[place[:, 1] + W * d])
+            middle = 0.5 * (points.x[place[:, 0] + W * d] + points.x[place[:, 1] + W * d])
             self._box[0, d] = min(self._box[0, d], middle.min())
             self._box[1, d] = max(self._box[1, d], middle.max())
         self._fresh.append(Broken(pairs, strengths))
         if self._pairs is not None:
             self._pairs.append(pairs)
 
-    def close(self, model: Model) -> int:
+    def close(self, comm) -> int:
         """Join the books of all ranks after an evaluation that breaks; the number of bonds it broke. Collective."""
         fresh = sum(len(broken.pairs) for broken in self._fresh[self._closed :])
-        joined = sum_integers(model.comm, np.append(self._digits, fresh))
+        joined = sum_integers(comm, np.append(self._digits, fresh))
         self._closed = len(self._fresh)
         if joined[-1]:
             self._digits[:] = 0
@@ -148,7 +136,7 @@ class Failure:
             self.count += int(joined[-1])
             self.dissipated = value(self._total)
             sign = np.array([[-1.0], [1.0]])
-            self.last_extent = sign * largest(model.comm, sign * self._box)
+            self.last_extent = sign * largest(comm, sign * self._box)
             self.extent = sign * np.maximum(sign * self.extent, sign * self.last_extent)
             self._box = nowhere()
         return int(joined[-1])
@@ -169,7 +157,7 @@ class Failure:
         self._pairs = []
         return taken
 
-    def largest_ratio(self, model: Model, S: np.ndarray, most: float = math.inf) -> float:
+    def largest_ratio(self, comm, bonds: Bonds, S: np.ndarray, most: float = math.inf) -> float:
         """Largest stretch relative to its critical one, of the intact bonds that tell at the table ``S``. Collective.
 
         Where none of them is stretched, all tell. Ratios above ``most`` do not count; then all bonds tell at once.
@@ -179,11 +167,11 @@ class Failure:
         def top(nearest):
             of_rows = (
                 failure.largest_ratio(
-                    *rows.arrays, S.reshape(-1), self.class_of, inverse, model.bonds.finite, nearest**2, most
+                    *rows.arrays, S.reshape(-1), self.class_of, inverse, bonds.finite, nearest**2, most
                 )
-                for rows in model.bonds.rows
+                for rows in bonds.rows
             )
-            return float(largest(model.comm, np.array([max(of_rows)]))[0])
+            return float(largest(comm, np.array([max(of_rows)]))[0])
 
         return (top(self.nearest) if most == math.inf else 0.0) or top(0.0)
 
@@ -191,7 +179,9 @@ class Failure:
         """Global ids (lower, higher) of the bonds broken on this rank, int64, shape (n, 2)."""
         return np.concatenate([np.empty((0, 2), np.int64), *self.global_pairs])
 
-    def restore(self, model: Model, broken: np.ndarray, dissipated: np.ndarray, total: int | None = None) -> None:
+    def restore(
+        self, comm, points: Points, bonds: Bonds, broken: np.ndarray, dissipated: np.ndarray, total: int | None = None
+    ) -> None:
         """Break the bonds of another run of the scene, on whatever ranks they stand now. Collective.
 
         Parameters
@@ -209,13 +199,13 @@ class Failure:
             On all ranks: some of them are not bonds of this scene.
         """
         total = len(broken) if total is None else total
-        wanted = _local_points(model, broken)
-        for rows in model.bonds.rows:
+        wanted = _local_points(points, broken)
+        for rows in bonds.rows:
             pairs, strengths = np.empty_like(wanted), np.empty(wanted.shape, np.float32)
-            n = failure.break_listed(wanted, *rows.arrays, model.bonds.finite, pairs, strengths)
+            n = failure.break_listed(wanted, *rows.arrays, bonds.finite, pairs, strengths)
             if n:
-                self._enter(model, pairs[:n].copy(), strengths[:n].copy())
-        if self.close(model) != total:
+                self._enter(points, pairs[:n].copy(), strengths[:n].copy())
+        if self.close(comm) != total:
             raise ValueError(f"only {self.count} of {total} broken bonds are bonds of this scene")
         self._total[:] = dissipated
         self.dissipated = value(self._total)
@@ -231,82 +221,13 @@ def nowhere() -> np.ndarray:
     return np.array([[np.inf] * 3, [-np.inf] * 3])
 
 
-def _local_points(model: Model, ids: np.ndarray) -> np.ndarray:
+def _local_points(points: Points, ids: np.ndarray) -> np.ndarray:
     """Local indices of pairs of points, images included, of which this rank owns one and sees both; int64, (m, 2)."""
-    number = model.points.cell_key
+    number = points.cell_key
     order = np.argsort(number, kind="stable")
     if not len(order) or not len(ids):
         return np.empty((0, 2), np.int64)
     place = np.minimum(np.searchsorted(number, ids // 8, sorter=order), len(order) - 1)
     cell = order[place]
-    here = (number[cell] == ids // 8).all(axis=1) & (cell < model.points.n_owned).any(axis=1)
+    here = (number[cell] == ids // 8).all(axis=1) & (cell < points.n_owned).any(axis=1)
     return np.ascontiguousarray((8 * cell + ids % 8)[here])
-
-
-def make_failure(scene: Scene, discretization: Discretization, model: Model) -> Failure | None:
-    """The scene's critical stretches; None if no bond can break."""
-    if not model.bonds:
-        return None
-    stretch = critical_stretches(scene, discretization)
-    if not (stretch < UNBREAKABLE).any():
-        return None
-    cells = model.subdomain.point_cells
-    most = max(int(np.diff(rows.start).max(initial=0)) for rows in model.bonds.rows)
-    room = max(RECORDS, W * most)
-    fitted = model.body_fit is not None and model.body_fit.fit is not None
-    return Failure(
-        class_of=np.repeat(point_classes(scene, discretization)[cells].astype(np.uint8), 2),
-        stretch=stretch,
-        pairs=np.empty((room, 2), np.int64),
-        strengths=np.empty((room, 2), np.float32),
-        counter=np.zeros(1, np.int64),
-        nearest=TOO_NEAR * _mean_edge(discretization) if fitted else 0.0,
-    )
-
-
-def _mean_edge(discretization: Discretization) -> float:
-    """Mean over all edges of the cells with points, each cell's own counted, dimension length."""
-    mesh = discretization.mesh
-    return HexMesh(mesh.nodes, mesh.cells[discretization.has_points]).average_edge / discretization.units.length
-
-
-def point_classes(scene: Scene, discretization: Discretization) -> np.ndarray:
-    """Class of the points of each cell, by which bonds know their critical stretch; int64, shape (n_cells,).
-
-    The cell's region. Peridynamic cells that follow nodes all the same, by which fitted factors join bodies, count as
-    a region more each: that of their cells beside them, numbered behind all regions.
-    """
-    joint = discretization.is_peridynamic & discretization.is_overlap
-    classes = discretization.region.astype(np.int64)
-    classes[joint] = len(scene.regions) + np.searchsorted(_with_joints(discretization), classes[joint])
-    return classes
-
-
-def _with_joints(discretization: Discretization) -> np.ndarray:
-    """Regions with peridynamic cells that follow nodes, rising."""
-    return np.unique(discretization.region[discretization.is_peridynamic & discretization.is_overlap])
-
-
-def critical_stretches(scene: Scene, discretization: Discretization) -> np.ndarray:
-    """Critical stretch of the bonds between points of two classes, float64, shape (n_classes, n_classes)."""
-    cutoff_ratio = discretization.cutoff / (1.0 + CUTOFF_GUARD)
-    of_materials = bond_stretches(scene, discretization.units.length, cutoff_ratio)
-    regions = [*scene.regions, *(scene.regions[k] for k in _with_joints(discretization))]
-    if len(regions) > MOST_CLASSES:
-        raise SceneError([
-            f"regions are {len(scene.regions)}, and those with joints of fitted bodies count twice where bonds may "
-            f"break: {len(regions)} in all, and at most {MOST_CLASSES} can be told apart. Join some of them."
-        ])  # fmt: skip
-    material = np.array([discretization.materials.names.index(region.material) for region in regions])
-    may = np.array([region.may_fail is not False for region in regions])
-    # All points of element regions follow nodes; a deck that says so lets bonds between them break.
-    follows = np.array([k >= len(scene.regions) or r.model != "peridynamics" for k, r in enumerate(regions)])
-    allowed = ~follows | np.array([lets_overlap_fail(region) for region in regions])
-    critical = np.minimum(of_materials[material[:, None], material], UNBREAKABLE)
-    breaks = may[:, None] & may & (~(follows[:, None] & follows) | (allowed[:, None] & allowed))
-    return np.where(breaks, critical, UNBREAKABLE)
-
-
-def lets_overlap_fail(region: Region) -> bool:
-    """Whether the deck says of a region of elements that bonds between points of its overlap may break."""
-    return region.model == "finite_elements" and region.may_fail is True

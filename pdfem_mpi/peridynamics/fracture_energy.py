@@ -12,7 +12,8 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.fracture_energy import NO_LABEL, add_crossings
 from pdfem_mpi.kernels.hex8 import gauss_volumes
 from pdfem_mpi.parallel.comm import sum_integers
-from pdfem_mpi.peridynamics.bonds import Bonds, Points, total_bonds
+from pdfem_mpi.peridynamics.bonds import Bonds, total_bonds
+from pdfem_mpi.peridynamics.points import Points
 
 
 def energy_of_own_bonds(

@@ -26,8 +26,9 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.kernels.weighted_blocks import add_weighted_blocks, stiffness_bounds
 from pdfem_mpi.parallel.comm import largest, sum_integers
-from pdfem_mpi.peridynamics.bonds import Bonds, Points, start_sums, sums_table
+from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.images import MAGNITUDES, MIXED_PRODUCTS, SCALAR, halo_for
+from pdfem_mpi.peridynamics.points import Points, sums_table
 
 #: Eigenvalues of ``M^-1 K`` that central differences bear, and what raised masses leave of it: at the limit itself a
 #: motion would never be damped. The tenth also covers bonds that turn and stretch in finite kinematics.
@@ -108,16 +109,13 @@ def describe_raised(raised: int, n_points: int) -> str:
 
 def _weighted_blocks(points: Points, bonds: Bonds, weight: np.ndarray) -> tuple[np.ndarray, float]:
     """``C`` of the owned points for weights of at most 1, (n_points, 6), and the rounding of an entry. Collective."""
-    T, integers = sums_table(points)
-    n, terms, halves = 2 * points.n_owned, bonds.added + bonds.taken, []
+    T, _ = sums_table(points)
+    n, halves = 2 * points.n_owned, []
     T[:n, 0] = weight.reshape(-1, W)
     halo_for(points.halo, SCALAR).scatter_forward(T.reshape(-1, 2, 9, W)[:, :, 0:1])
     for mixed in (False, True):
-        quantum, pattern = start_sums(T, terms, 2.0 * bonds.stiffest)
-        for rows in bonds.rows:
-            add_weighted_blocks(*rows.arrays, T.reshape(-1), integers, pattern, bonds.finite, mixed)
-        halo = halo_for(points.halo, MIXED_PRODUCTS if mixed else MAGNITUDES)
-        halo.scatter_reverse(integers.reshape(-1, 2, 9, W)[:, :, 6:9])
-        halves.append(integers.reshape(-1, 9, W)[:n, 6:9] * quantum)
+        parity = MIXED_PRODUCTS if mixed else MAGNITUDES
+        sums, quantum, _ = bonds.sum_over(add_weighted_blocks, T, 2.0 * bonds.stiffest, points, parity, mixed)
+        halves.append(sums * quantum)
     blocks = np.ascontiguousarray(np.concatenate(halves, axis=1).swapaxes(1, 2).reshape(-1, 6))
     return blocks, 0.5 * quantum * MOST_BONDS

@@ -21,7 +21,8 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.model.model import Model
-from pdfem_mpi.peridynamics.failure import UNBREAKABLE, Failure, critical_stretches, lets_overlap_fail, point_classes
+from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE, critical_stretches, lets_overlap_fail, point_classes
+from pdfem_mpi.peridynamics.failure import Failure
 
 #: Depth of an overlap, in internal lengths, below which bonds into it stretch noticeably further than others: 0.9 times
 #: as far at depth 1, 1.3 at 2/3, 2.0 at 1/2, 3.9 at 1/3 (docs/failure.md).

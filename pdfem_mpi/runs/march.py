@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage, gather_fields
-from pdfem_mpi.model.forces import NotFinite
+from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.parallel.comm import on_root
 from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests, place_of
 from pdfem_mpi.peridynamics.damage import Remaining

@@ -107,8 +107,8 @@ def count_parts(
     preconditioner, count = solve.preconditioner, Count()
     things = dict(_things(discretization, model, case, state, forces, failure, preconditioner, keeper, output))
     counted = {name: count.bytes_of(*things.get(name, ())) for name in PARTS}
-    if model.bonds and model.bonds.finite:  # strengths and lengths alternate in one array
-        counted["bond_lengths"] = counted["bond_strengths"] // 2
+    if model.bonds:  # strengths and lengths alternate in one array
+        counted["bond_lengths"] = int(counted["bond_strengths"] * model.bonds.share_of_lengths)
         counted["bond_strengths"] -= counted["bond_lengths"]
     return counted
 
@@ -126,8 +126,7 @@ def _things(
             yield "mirror_images", (points.images, points.halo.factors)
             halos[0] = points.halo.halo
         yield "points", (points,)
-        yield "bond_rows", tuple((rows.start, rows.offset) for rows in bonds.rows)
-        yield "bond_strengths", tuple(rows.data for rows in bonds.rows)
+        yield from bonds.storage().items()
         yield "bond_counts", (bonds,)
     yield "exchange", tuple(halos)
     yield "fitted_factors", (model.body_fit,)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.model.forces import Bounds
+from pdfem_mpi.model.bounds import Bounds
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import FIELDS, State
 from pdfem_mpi.parallel.comm import broadcast
@@ -97,7 +97,8 @@ def restore_late(
         return
     books = start.header["failure"]
     try:
-        failure.restore(solve.forces.model, pairs, np.array(books["dissipated"]), start.header["broken_bonds"])
+        model, total = solve.forces.model, start.header["broken_bonds"]
+        failure.restore(model.comm, model.points, model.bonds, pairs, np.array(books["dissipated"]), total)
     except ValueError as error:
         raise Refused(EXIT_NO_CHECKPOINT, f"{start.path}: {error}. Start again with --overwrite.") from None
     failure.last_extent = np.array(books["last_extent"])

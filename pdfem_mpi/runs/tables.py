@@ -11,9 +11,9 @@ import numpy as np
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import State
-from pdfem_mpi.model.unknowns import cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import broadcast, sum_integers
 from pdfem_mpi.parallel.slabs import gather_pairs, gather_slabs, scatter_slabs
+from pdfem_mpi.peridynamics.clusters import cluster_layout, point_rows
 from pdfem_mpi.system import faults
 
 if TYPE_CHECKING:

@@ -10,9 +10,10 @@ import numpy as np
 
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
-from pdfem_mpi.model.forces import Forces, NotFinite
+from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.mechanisms import describe_motion
 from pdfem_mpi.model.model import Model
+from pdfem_mpi.model.not_finite import NotFinite, describe_not_finite
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS, NoStopRequests, StopRequests
@@ -44,7 +45,7 @@ def damping_coefficient(work: float, square: float) -> float:
 
 def describe_divergence(model: Model, found: str) -> str:
     """What to say of a relaxation that diverged: what was found, why that can be, and a remedy."""
-    if model.bonds and model.bonds.finite:
+    if model.finite:
         cause = (
             "The masses bound the stiffness of the body at rest; with much stretch between them bonds get stiffer. "
             'Raise the load in smaller steps (stepping), or use solver.kind = "cg".'
@@ -145,7 +146,7 @@ class Relaxation:
         self.votes = joined[-2:]
         work, square, residual, reaction = (value(row) for row in joined[:-5].reshape(N_SUMS, SIZE))
         if math.isnan(square) or math.isnan(residual) or math.isnan(load):
-            raise NotFinite(forces.describe_not_finite(u, self.force))
+            raise NotFinite(describe_not_finite(forces.model, u, self.force))
         residual, reference = math.sqrt(residual), max(load, math.sqrt(reaction))
         relative = residual / reference if reference > 0.0 else residual
         return Sums(relative, residual, reference, damping_coefficient(work, square))

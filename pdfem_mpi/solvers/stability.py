@@ -18,9 +18,9 @@ from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.parallel.sums import exact_dots
-from pdfem_mpi.solvers.cg import Sequence
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.solvers.preconditioner.preconditioner import Preconditioner
+from pdfem_mpi.solvers.sequence import Sequence
 
 #: Steps, and the seed of the displacements.
 STEPS, SEED = 20, 20100801

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from pdfem_mpi.model.forces import NotFinite
 from pdfem_mpi.model.mechanisms import describe_motion
+from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged, Progress
@@ -187,11 +187,11 @@ def _bearable(ledger: Ledger, step: np.ndarray, fraction: float) -> float:
     state, failure = ledger.state, ledger.failure
     if ledger.size(step) * fraction <= state.program["size"]:
         return fraction
-    limit = max(MOST_STRETCH, failure.largest_ratio(ledger.model, ledger.forces.S))
+    limit = max(MOST_STRETCH, ledger.forces.largest_ratio(failure))
     force, external = np.empty_like(state.u), ledger.external()
     for _ in range(MOST_HALVINGS):
         ledger.forces.evaluate_surely(state.u + fraction * step, external, force)
-        if failure.largest_ratio(ledger.model, ledger.forces.S) <= limit:
+        if ledger.forces.largest_ratio(failure) <= limit:
             break
         fraction *= 0.5
     ledger.count()
@@ -200,14 +200,14 @@ def _bearable(ledger: Ledger, step: np.ndarray, fraction: float) -> float:
 
 def _is_settled(ledger: Ledger) -> bool:
     """Whether what the residual leaves open does not matter at the state of the last evaluation. Collective."""
-    failure, table, below = ledger.failure, ledger.forces.S, 1.0 - ledger.settings.eta
-    ratio = failure.largest_ratio(ledger.model, table)
+    failure, below = ledger.failure, 1.0 - ledger.settings.eta
+    ratio = ledger.forces.largest_ratio(failure)
 
     def decides(change: float) -> bool:
         if ledger.settings.control == "load":  # at this load: does a bond break?
             return ratio + change > below
         # at the load that makes the largest critical: which bonds break with it?
-        return failure.largest_ratio(ledger.model, table, below * ratio + change) > below * ratio - change
+        return ledger.forces.largest_ratio(failure, below * ratio + change) > below * ratio - change
 
     return arrest.is_settled(
         ledger.state.program, ratio, ledger.settings.arrest_tolerance, _first_look(ledger), decides

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from pdfem_mpi.model.forces import NotFinite
-from pdfem_mpi.model.unknowns import by_component
+from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.parallel.sums import exact_dots
+from pdfem_mpi.peridynamics.clusters import by_component
 from pdfem_mpi.solvers import adr, cg
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.stepping.ledger import Ledger
@@ -69,7 +69,7 @@ def bracket(ledger: Ledger, ratio: float, limit: float) -> None:
         state.load_factor = target
         ledger.prescribe()
         equilibrate(ledger, ledger.solve.settings.tolerance)
-        ratio = ledger.failure.largest_ratio(ledger.model, ledger.forces.S)
+        ratio = ledger.forces.largest_ratio(ledger.failure)
         if abs(ratio - 1.0) <= BRACKET or (target == limit and ratio < 1.0):
             break
         low, high = (target, high) if ratio < 1.0 else (low, target)

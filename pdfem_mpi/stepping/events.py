@@ -94,7 +94,7 @@ def _load_to_break(avalanche: Avalanche) -> bool:
         return False
     if program["adrift"]:
         return True
-    ratio = ledger.failure.largest_ratio(ledger.model, ledger.forces.S)
+    ratio = ledger.forces.largest_ratio(ledger.failure)
     if ratio == 0.0:
         raise NotConverged("the load stretches no bond that may break. Load the body otherwise.")
     limit = math.inf if settings.end_load_factor is None else settings.end_load_factor

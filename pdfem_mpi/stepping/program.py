@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from pdfem_mpi.deck.programs import Events, Ramp
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.strains import measure_elements
-from pdfem_mpi.model.forces import NotFinite
 from pdfem_mpi.model.loads import LoadCase
+from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.model.state import State
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.convergence import NotConverged, Progress

@@ -54,7 +54,7 @@ def follow_ramp(
         external = state.load_factor * case.external
         state.u[case.fixed] = state.load_factor * ahead
         sums = relaxation.evaluate(state, external, abs(state.load_factor) * load, failure)
-        failure.close(forces.model)
+        failure.close(forces.model.comm)
         failure.take()
         (pull,) = exact_dots(forces.model.comm, [(-relaxation.force[case.fixed], ahead)])
         program["work"] += 0.5 * settings.increment * (program["pull"] + float(pull))

@@ -87,7 +87,7 @@ def break_bonds(
     forces = solve.forces
     residual = np.empty_like(state.u) if residual is None else residual
     forces.evaluate_surely(state.u, external, residual, failure, margin)
-    count = failure.close(forces.model)
+    count = failure.close(forces.model.comm)
     broken = failure.take()
     if count:
         solve.update_after_breaks(broken)

@@ -11,12 +11,12 @@ import numpy as np
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.fields import fields_sha256, gather_fields
+from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.model import build_model
 from pdfem_mpi.model.state import new_state
-from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.parallel.sums import exact_dots
-from pdfem_mpi.peridynamics.failure import make_failure
+from pdfem_mpi.peridynamics.clusters import point_rows
 
 #: The strain whose force a rotation's is compared with.
 STRAIN = 1e-2
@@ -51,7 +51,7 @@ def rotation(scene: Scene, comm, degrees: float) -> dict[str, float]:
     state.u[:] = model.unknowns.join(turned)
     size(state.u)  # bounds that suit the rotation
     found = size(state.u, failure)
-    broken = failure.close(model)
+    broken = failure.close(model.comm)
     fields = gather_fields(discretization, forces, state.u)
     return {
         "force": found / of_strain,

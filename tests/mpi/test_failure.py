@@ -9,7 +9,7 @@ from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.model import model as model_module
 from pdfem_mpi.parallel.comm import mpi
 from support.bodies import build
-from support.failing import DEAD, chipped, failing, followed, numbers, strip
+from support.failing import DEAD, chipped, failing, followed, numbers, of_bonds, strip
 from support.helpers import assert_all
 
 pytestmark = pytest.mark.mpi(min_size=2)
@@ -80,7 +80,7 @@ def test_broken_bonds_of_other_ranks_are_restored(comm):
     pairs = alone.failure.broken_pairs()
     together = failing(strip(**options), comm)
     model = together.body.model
-    together.failure.restore(model, pairs, alone.failure.dissipated_digits)
+    together.failure.restore(*of_bonds(model), pairs, alone.failure.dissipated_digits)
     together.solve.update_after_breaks(together.failure.take())
     found = outcome(together)[1]
     same = found == sorted(map(tuple, pairs.tolist()))

@@ -10,8 +10,8 @@ from pdfem_mpi.deck.outputs import Output
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.programs import Events
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from support.bodies import YOUNGS_MODULUS, build, make_scene
 from support.failing import numbers

@@ -5,9 +5,9 @@ import pytest
 
 from pdfem_mpi.deck.outputs import Output
 from pdfem_mpi.measure.fields import gather_damage
+from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.peridynamics.damage import Remaining
-from pdfem_mpi.peridynamics.failure import make_failure
 from support.bodies import build
 from support.helpers import assert_all
 from support.notched import notched, pull

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import quad
 
 from pdfem_mpi.kernels import surface_correction
-from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.peridynamics import bonds
+from pdfem_mpi.peridynamics.clusters import point_rows
 from support.bodies import build, make_scene
 
 # Measured with an independent program, printed to five digits; the update is exact arithmetic on these numbers

@@ -108,9 +108,9 @@ def test_internal_forces_sum_to_exactly_zero(name):
     body.internal(random_displacements(body, 1)[0])
     forces = body.forces
     if body.model.points:
-        assert not forces.SI.reshape(-1, 9, 4)[:, 6:9].sum(axis=(0, 2)).any()
+        assert not forces.of_bonds.SI.reshape(-1, 9, 4)[:, 6:9].sum(axis=(0, 2)).any()
     if not body.model.points:
-        assert not forces.force_nodes.sum(axis=0).any()
+        assert not forces.of_nodes.force.sum(axis=0).any()
 
 
 @pytest.mark.parametrize("name", BODIES)

@@ -23,8 +23,8 @@ from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase, make_load_case
 from pdfem_mpi.model.model import Model, build_model
 from pdfem_mpi.model.state import State, new_state
-from pdfem_mpi.model.unknowns import cluster_layout, point_rows
 from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.peridynamics.clusters import cluster_layout, point_rows
 from pdfem_mpi.runs.run import run
 from support.helpers import ROOT
 from support.reporters import Silence

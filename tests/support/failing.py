@@ -15,7 +15,8 @@ from pdfem_mpi.deck.programs import Events, Solver
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.fields import point_positions
-from pdfem_mpi.peridynamics.failure import Failure, make_failure
+from pdfem_mpi.model.breaking import make_failure
+from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.stepping import Report, follow_load_program, make_solver
 from support.bodies import YOUNGS_MODULUS, Body, build
 
@@ -116,7 +117,7 @@ class Failing:
     def ratio(self):
         """Largest stretch over the critical one at the state. Collective."""
         self.body.internal(self.body.state.u)
-        return self.failure.largest_ratio(self.body.model, self.body.forces.S)
+        return self.body.forces.largest_ratio(self.failure)
 
     def middles(self):
         """Midpoints of the bonds broken on this rank, relative to the body's centre, deck units, shape (n, 3)."""
@@ -143,3 +144,8 @@ def numbers(row: Report):
     """All of a row but its wall time, as what compares by ``==``."""
     values = {name: value for name, value in vars(row).items() if name != "seconds"}
     return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+
+
+def of_bonds(model):
+    """What the books of failure need of a model: its communicator, points and bonds."""
+    return model.comm, model.points, model.bonds

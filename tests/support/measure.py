@@ -10,7 +10,8 @@ from pdfem_mpi.deck.outputs import Output
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.measure.fields import gather_damage, point_positions
 from pdfem_mpi.model.forces import Forces
-from pdfem_mpi.peridynamics.bonds import BULK_MODULUS, cut_bonds
+from pdfem_mpi.peridynamics.bonds import BULK_MODULUS
+from pdfem_mpi.peridynamics.cracks import cut_bonds
 from support.bodies import bond_list, build, make_scene
 
 POWER_ITERATIONS = 200

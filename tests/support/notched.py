@@ -11,7 +11,7 @@ from pdfem_mpi.deck.peridynamics import Crack, Peridynamics
 from pdfem_mpi.deck.programs import Events, Solver
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.peridynamics.failure import make_failure
+from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from support.bodies import build
 

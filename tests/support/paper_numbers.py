@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from pdfem_mpi.kernels import surface_correction
-from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.peridynamics import bonds
 from pdfem_mpi.peridynamics.bonds import BULK_MODULUS
+from pdfem_mpi.peridynamics.clusters import point_rows
 from support.bodies import bond_list, build, make_scene
 from support.measure import (
     POWER_ITERATIONS,

@@ -18,8 +18,8 @@ from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model.loads import remove_rigid_motion
 from pdfem_mpi.model.model import build_model
 from pdfem_mpi.model.state import new_state
-from pdfem_mpi.model.unknowns import cluster_layout
 from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.peridynamics.clusters import cluster_layout
 from pdfem_mpi.peridynamics.fit import equations as bond_factors
 from pdfem_mpi.peridynamics.fit import fit as body_fit
 from pdfem_mpi.peridynamics.fit.areas import area_vectors, find_boundary

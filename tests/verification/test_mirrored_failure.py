@@ -10,8 +10,8 @@ import pytest
 from pdfem_mpi.deck.outputs import Output
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.measure.fields import gather_damage, point_positions
-from pdfem_mpi.peridynamics.failure import make_failure
-from pdfem_mpi.solvers.preconditioner.blocks import point_blocks
+from pdfem_mpi.model.breaking import make_failure
+from pdfem_mpi.peridynamics.point_blocks import point_blocks
 from support.bodies import build
 from support.notched import ROWS, notched, pull
 
@@ -77,13 +77,14 @@ def test_blocks_of_points_lose_the_bonds_that_broke():
     """3x3 blocks of the preconditioner, renewed for broken bonds to images, against a new sum over what is left."""
     body = build(notched(("x-", "y-", "z-")))
     failure, u = make_failure(body.scene, body.discretization, body.model), body.state.u
-    blocks = point_blocks(body.model)
+    blocks = point_blocks(body.model.points, body.model.bonds)
     before = blocks.sums.copy()
     u[:] = body.of_positions(lambda x: 0.05 * np.sin(x + x[:, [1, 2, 0]]))
     body.forces.evaluate_surely(u, np.zeros_like(u), np.empty_like(u), failure)
-    assert failure.close(body.model) > 1000
-    blocks.take_out(body.model, failure.take())
-    assert (blocks.sums == point_blocks(body.model).sums).all() and (blocks.sums != before).any()
+    assert failure.close(body.model.comm) > 1000
+    blocks.take_out(body.model.points, body.model.bonds, failure.take())
+    assert (blocks.sums == point_blocks(body.model.points, body.model.bonds).sums).all()
+    assert (blocks.sums != before).any()
 
 
 @pytest.mark.parametrize("faces", [("x-", "y-", "z-"), ("y-",)], ids="".join)

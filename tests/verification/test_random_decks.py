@@ -18,8 +18,8 @@ import pytest
 from pdfem_mpi.deck.programs import Solver
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.fields import point_positions
+from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.peridynamics.bonds import total_bonds
-from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from support.bodies import bond_list, build

@@ -5,7 +5,7 @@ Nothing here is used by a simulation.
 
 from numba import config, njit, types
 
-from pdfem_mpi.kernels.peridynamics import _V1, _V2, _V3, _V4, _V5, _V6, _V7, _V8, _series, u8
+from pdfem_mpi.kernels.bond_response import V1, V2, V3, V4, V5, V6, V7, V8, response_by_series, u8
 from pdfem_mpi.kernels.simd import W, above, fma, fnma, hsum, lanes, largest, load, splat, store
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
@@ -125,25 +125,25 @@ def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table
         zx, zy, zz = splat(S[own + 3 * W]), splat(S[own + 4 * W]), splat(S[own + 5 * W])
         fx = fy = fz = top = zero
         b, o = u8(row_offset[r]), r * u8(2 * W)
-        dx, gx = load(S, b) - ux, load(S, b + _V3) - zx
-        dy, gy = load(S, b + _V1) - uy, load(S, b + _V4) - zy
-        dz, gz = load(S, b + _V2) - uz, load(S, b + _V5) - zz
-        e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + _V1)
+        dx, gx = load(S, b) - ux, load(S, b + V3) - zx
+        dy, gy = load(S, b + V1) - uy, load(S, b + V4) - zy
+        dz, gz = load(S, b + V2) - uz, load(S, b + V5) - zz
+        e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + V1)
         gx, gy, gz = gx + dx, gy + dy, gz + dz
         while r < end:
             r += u8(1)
             b_next, o_next = u8(row_offset[r]), o + u8(2 * W)
-            dx, hx = load(S, b_next) - ux, load(S, b_next + _V3) - zx
-            dy, hy = load(S, b_next + _V1) - uy, load(S, b_next + _V4) - zy
-            dz, hz = load(S, b_next + _V2) - uz, load(S, b_next + _V5) - zz
-            e_next = fma(dx, hx, fma(dy, hy, dz * hz)) * load(row_data, o_next + _V1)
+            dx, hx = load(S, b_next) - ux, load(S, b_next + V3) - zx
+            dy, hy = load(S, b_next + V1) - uy, load(S, b_next + V4) - zy
+            dz, hz = load(S, b_next + V2) - uz, load(S, b_next + V5) - zz
+            e_next = fma(dx, hx, fma(dy, hy, dz * hz)) * load(row_data, o_next + V1)
             hx, hy, hz = hx + dx, hy + dy, hz + dz
             top = largest(e, top)
-            f = _series(load(row_data, o), e, table)
+            f = response_by_series(load(row_data, o), e, table)
             fx, fy, fz = fma(f, gx, fx), fma(f, gy, fy), fma(f, gz, fz)
-            store(S, b + _V6, fnma(f, gx, load(S, b + _V6)))
-            store(S, b + _V7, fnma(f, gy, load(S, b + _V7)))
-            store(S, b + _V8, fnma(f, gz, load(S, b + _V8)))
+            store(S, b + V6, fnma(f, gx, load(S, b + V6)))
+            store(S, b + V7, fnma(f, gy, load(S, b + V7)))
+            store(S, b + V8, fnma(f, gz, load(S, b + V8)))
             e, gx, gy, gz, b, o = e_next, hx, hy, hz, b_next, o_next
         if lanes(above(top, splat(limit))) != 0:
             count += 1

@@ -20,17 +20,20 @@ from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import parse_deck
-from pdfem_mpi.kernels import finite_elements, peridynamics
+from pdfem_mpi.kernels import bond_forces, bond_response, finite_elements
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
+from pdfem_mpi.kernels.rounding import pattern_for
 from pdfem_mpi.kernels.simd import W
-from pdfem_mpi.model.forces import NOTHING_FAILS, Forces, pages
+from pdfem_mpi.model.breaking import make_failure
+from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import Model, build_model
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import largest, sum_integers, world
-from pdfem_mpi.peridynamics.bonds import pattern_for, total_bonds
-from pdfem_mpi.peridynamics.failure import Failure, make_failure
+from pdfem_mpi.peridynamics.bond_forces import NOTHING_FAILS, pages
+from pdfem_mpi.peridynamics.bonds import total_bonds
+from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.runs.memory_estimate import forget_peak, peak_resident, resident
 from pdfem_mpi.runs.prepare import warm_up
 from pdfem_mpi.system import launcher as launch
@@ -250,7 +253,7 @@ def _finite_sweeps(forces: Forces, failure: Failure) -> Iterator[Callable[[], ob
     """The sweep with failure by series and in closed form, and with plain sums, each over all rows of this rank."""
     bonds = forces.model.bonds
     _, pattern = pattern_for(forces.bounds.bond * bonds.strongest)
-    table = peridynamics.constants(pattern)
+    table = bond_response.constants(pattern)
     extremes = np.zeros(2)
     trigger, critical = failure.limits(finite=True, margin=0.0)
 
@@ -258,12 +261,12 @@ def _finite_sweeps(forces: Forces, failure: Failure) -> Iterator[Callable[[], ob
         for rows in bonds.rows:
             sweep(0, len(rows.start) - 1, *rows.arrays, *arguments)
 
-    exact = forces.S.reshape(-1), forces.SI.reshape(-1), table, extremes
+    exact = forces.of_bonds.S.reshape(-1), forces.of_bonds.SI.reshape(-1), table, extremes
     exact += failure.class_of, trigger, critical, *failure.records
-    floats = forces.S.copy()
+    floats = forces.of_bonds.S.copy()
     floats[:, 6:9] = 0.0
-    yield lambda: over_rows(peridynamics.add_forces_series_failing, *exact)
-    yield lambda: over_rows(peridynamics.add_forces_closed_failing, *exact)
+    yield lambda: over_rows(bond_forces.add_forces_series_failing, *exact)
+    yield lambda: over_rows(bond_forces.add_forces_closed_failing, *exact)
     yield lambda: over_rows(ceilings.add_forces_plain_sums, floats.reshape(-1), table, float(trigger[0]))
 
 
@@ -273,15 +276,12 @@ def _measure_linear(case: dict, comm, seconds: float) -> dict:
     forces = Forces(model)
     u, nothing, force = _ready(forces, "bond")
     bonds = total_bonds(comm, model.bonds)
-    table = peridynamics.constants(pattern_for(forces.bounds.bond * model.bonds.cutoff)[1])
-    extremes = np.zeros(2)
+    constants = bond_response.constants(pattern_for(forces.bounds.bond * model.bonds.cutoff)[1])
+    table = forces.of_bonds.S.reshape(-1), forces.of_bonds.SI.reshape(-1), constants, np.zeros(2)
 
     def sweep():
         for rows in model.bonds.rows:
-            peridynamics.add_forces_linear(
-                0, len(rows.start) - 1, *rows.arrays, forces.S.reshape(-1), forces.SI.reshape(-1), table, extremes,
-                *NOTHING_FAILS,
-            )  # fmt: skip
+            bond_forces.add_forces_linear(0, len(rows.start) - 1, *rows.arrays, *table, *NOTHING_FAILS)
 
     whole, alone = best(comm, lambda: forces.evaluate(u, nothing, force), sweep, seconds=2 * seconds)
     return _rates(bonds, comm.size, whole, alone)
@@ -298,7 +298,7 @@ def _measure_elements(case: dict, comm, seconds: float) -> tuple[dict, dict]:
         forces = Forces(model)
         u, nothing, force = _ready(forces, "element")
         quantum, _ = pattern_for(model.elements.bound * forces.bounds.element)
-        met, nodal = np.zeros(1), (forces.force_nodes, forces.u_nodes)
+        met, nodal = np.zeros(1), (forces.of_nodes.force, forces.of_nodes.u)
 
         def kernel(elements=model.elements, nodal=nodal, quantum=quantum, met=met):
             for part in elements.shared:

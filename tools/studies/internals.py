@@ -25,17 +25,19 @@ from pdfem_mpi.measure.bar import measure_bar
 from pdfem_mpi.measure.fields import gather_fields, point_positions
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh
+from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase, make_load_case
 from pdfem_mpi.model.model import Model, build_model
 from pdfem_mpi.model.state import State, new_state
-from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.peridynamics.bonds import make_bonds
-from pdfem_mpi.peridynamics.failure import UNBREAKABLE, Failure, make_failure
+from pdfem_mpi.peridynamics.clusters import point_rows
+from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE
+from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.peridynamics.fit import equations, fit
 from pdfem_mpi.peridynamics.fit.areas import find_boundary
 from pdfem_mpi.peridynamics.fit.operator import Operator
+from pdfem_mpi.peridynamics.making_bonds import make_bonds
 from pdfem_mpi.results.plots import STYLE
 from pdfem_mpi.results.study import CURVES
 from pdfem_mpi.stepping import follow_load_program, ledger, make_solver

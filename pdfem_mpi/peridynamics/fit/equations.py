@@ -31,13 +31,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.kernels.bond_factors import BLOCK_ENTRIES, MULTIPLICITY, N, multiply_blocks
+from pdfem_mpi.kernels.moment_blocks import multiply_blocks
+from pdfem_mpi.kernels.monomials import BLOCK_ENTRIES, MULTIPLICITY, N
+from pdfem_mpi.kernels.rounding import pattern_for
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.parallel.sums import exact_dots
-from pdfem_mpi.peridynamics.bonds import Bonds, Points, pattern_for
+from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.fit.grid import FactorGrid, share_of_long_bonds
 from pdfem_mpi.peridynamics.fit.operator import Operator, inverse_blocks, size_of
+from pdfem_mpi.peridynamics.points import Points
 
 #: Shear modulus in model units, where E = 1 and nu = 1/4.
 SHEAR_MODULUS = 0.4

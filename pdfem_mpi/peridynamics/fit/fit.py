@@ -16,17 +16,18 @@ from scipy.spatial import cKDTree
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.fitted_bodies import meets_another
 from pdfem_mpi.body.share import Subdomain
-from pdfem_mpi.kernels.bond_factors import N
 from pdfem_mpi.kernels.hex8 import gauss_positions
+from pdfem_mpi.kernels.monomials import N
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mesh.quality import CORNERS
 from pdfem_mpi.parallel.comm import broadcast
 from pdfem_mpi.parallel.slabs import gather_rows
-from pdfem_mpi.peridynamics.bonds import Bonds, Points
+from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.fit import cache as factor_cache
 from pdfem_mpi.peridynamics.fit.areas import Boundary, area_vectors, find_boundary, restore_compatibility
 from pdfem_mpi.peridynamics.fit.equations import Fit, fit_factors, write_factors
 from pdfem_mpi.peridynamics.fit.grid import MOST_ENTRIES, make_factor_grid
+from pdfem_mpi.peridynamics.points import Points
 
 #: Counts up whenever the algorithm gives other numbers: fits of before are not used again.
 VERSION = 9

@@ -16,13 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.kernels.bond_factors import (
-    MONOMIALS,
-    MULTIPLICITY,
-    N,
-    interpolate_moments,
-    restrict_moments,
-)
+from pdfem_mpi.kernels.moment_grid import interpolate_moments, restrict_moments
+from pdfem_mpi.kernels.monomials import MONOMIALS, MULTIPLICITY, N
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mesh.background_grid import add_moments, cell_nodes, moment_table
 from pdfem_mpi.parallel.comm import sum_integers

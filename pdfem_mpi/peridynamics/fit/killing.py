@@ -4,7 +4,7 @@ from itertools import combinations_with_replacement, permutations
 
 import numpy as np
 
-from pdfem_mpi.kernels.bond_factors import MONOMIALS, MULTIPLICITY, N
+from pdfem_mpi.kernels.monomials import MONOMIALS, MULTIPLICITY, N
 from pdfem_mpi.mesh.rigid_motions import rigid_motions
 
 #: Combinations weaker than this fraction of the strongest are none.

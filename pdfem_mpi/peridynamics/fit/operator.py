@@ -1,8 +1,8 @@
 """Sums over the bonds for the ten moments of every point: the operator of the fit, its blocks, and writing factors.
 
 Vectors over the owned points have the shape (n_clusters, 10, 4); the ten components count every entry of the
-symmetric tensor once, so that their Euclidean norm is the tensor's. See `kernels/bond_factors.py` for the table and
-`bond_factors` for the fit.
+symmetric tensor once, so that their Euclidean norm is the tensor's. See `kernels/bond_moments.py` for the table and
+`equations` for the fit.
 """
 
 from __future__ import annotations
@@ -12,11 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pdfem_mpi.kernels import bond_factors as kernels
-from pdfem_mpi.kernels.bond_factors import MULTIPLICITY, ROWS, N
+from pdfem_mpi.kernels import bond_moments, moment_blocks
+from pdfem_mpi.kernels.bond_moments import ROWS
+from pdfem_mpi.kernels.monomials import MULTIPLICITY, N
+from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest, sum_integers
-from pdfem_mpi.peridynamics.bonds import Bonds, Points, integer_bits, pattern_for
+from pdfem_mpi.peridynamics.bonds import Bonds
+from pdfem_mpi.peridynamics.points import Points
 
 #: Square roots of the multiplicities, for the components of a vector.
 ROOTS = np.sqrt(MULTIPLICITY)[:, None]
@@ -67,7 +70,7 @@ class Operator:
         self._load(v)
         quantum, pattern = self._start(bonds.added - bonds.taken, 4.0 * bonds.stiffest * size)
         for rows in bonds.rows:
-            kernels.add_normal_products(*rows.arrays, *self._tables, pattern, bonds.finite, held, nearest)
+            bond_moments.add_normal_products(*rows.arrays, *self._tables, pattern, bonds.finite, held, nearest)
         return self._sums(quantum) * ROOTS
 
     def moments(self, v: np.ndarray, bounded: bool) -> np.ndarray:
@@ -78,7 +81,7 @@ class Operator:
             quantum, pattern = self._start(bonds.added - bonds.taken, bound)
             peak = np.zeros(1)
             for rows in bonds.rows:
-                kernels.add_moments(*rows.arrays, *self._tables, pattern, bonds.finite, bounded, peak)
+                bond_moments.add_moments(*rows.arrays, *self._tables, pattern, bonds.finite, bounded, peak)
             top = float(largest(self.comm, peak)[0])
             if top <= bound:
                 return self._sums(quantum) * ROOTS
@@ -91,7 +94,7 @@ class Operator:
         for part in range(3):
             quantum, pattern = self._start(bonds.added + bonds.taken, 2.0 * bonds.stiffest)
             for rows in bonds.rows:
-                kernels.add_blocks(*rows.arrays, *self._tables, pattern, bonds.finite, held, nearest, part)
+                bond_moments.add_blocks(*rows.arrays, *self._tables, pattern, bonds.finite, held, nearest, part)
             sums[:, N * part : N * part + N] = self._sums(quantum).swapaxes(1, 2).reshape(-1, N)
         return sums
 
@@ -108,7 +111,8 @@ class Operator:
         self._load(v)
         extremes, held = np.array([0.0, 0.0, -math.inf, -math.inf]), 0
         for rows in self.bonds.rows:
-            held += kernels.write_factors(*rows.arrays, self._tables[0], self.bonds.finite, bounded, nearest, extremes)
+            numbers = *rows.arrays, self._tables[0]
+            held += bond_moments.write_factors(*numbers, self.bonds.finite, bounded, nearest, extremes)
         strongest, stiffest, top, low = largest(self.comm, extremes).tolist()
         self.bonds = replace(self.bonds, strongest=strongest, stiffest=stiffest)
         return int(sum_integers(self.comm, np.array([held]))[0]), -low, top
@@ -145,7 +149,7 @@ def inverse_blocks(sums: np.ndarray, pinned: np.ndarray) -> np.ndarray:
         Added to the diagonals.
     """
     inverse = np.empty((len(sums), N * (N + 1) // 2), np.float32)
-    kernels.invert_blocks(sums, pinned, inverse)
+    moment_blocks.invert_blocks(sums, pinned, inverse)
     return inverse
 
 

@@ -3,70 +3,19 @@
 A block is stored as its six entries xx, yy, zz, xy, yz, zx.
 """
 
-from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.kernels.failure import add_broken_blocks
+from pdfem_mpi.finite_elements.nodes import assemble
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
-from pdfem_mpi.kernels.preconditioner import add_point_blocks
-from pdfem_mpi.model.model import Model, assemble
+from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import largest
-from pdfem_mpi.peridynamics.bonds import start_sums, sums_table
-from pdfem_mpi.peridynamics.failure import Broken
-from pdfem_mpi.peridynamics.images import MAGNITUDES, MIXED_PRODUCTS, halo_for
 
 #: Directions of a block softer than this fraction of the stiffest block of all, each over its material's modulus, are
 #: held still.
 SOFTEST = 1e-7
 
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
-
-
-@dataclass
-class PointBlocks:
-    """Blocks of the owned points, overlap included, as exact integer sums over their surviving bonds.
-
-    Attributes
-    ----------
-    sums : int64, shape (n_owned_clusters, 6, 4)
-        By cluster, entry and lane, in quanta.
-    quantum, pattern : float
-    """
-
-    sums: np.ndarray
-    quantum: float
-    pattern: float
-
-    def values(self, points: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Blocks of the chosen points, shape (n, 6), dimension force / length."""
-        return self.sums.swapaxes(1, 2).reshape(-1, 6)[points] * self.quantum
-
-    def take_out(self, model: Model, broken: Broken) -> np.ndarray:
-        """Subtract the stiffness of broken bonds; the owned points that lost some, int64. Collective."""
-        lost = np.zeros((model.points.n_clusters, 6, 4), np.int64)
-        add_broken_blocks(
-            broken.pairs, broken.strengths, model.points.x, model.bonds.finite, self.pattern, lost.reshape(-1)
-        )
-        halo_for(model.points.halo, MAGNITUDES + MIXED_PRODUCTS).scatter_reverse(lost.reshape(-1, 2, 6, 4))
-        lost = lost[: len(self.sums)]
-        self.sums -= lost
-        return np.flatnonzero(lost.any(axis=1).reshape(-1))
-
-
-def point_blocks(model: Model) -> PointBlocks:
-    """Sum up the blocks of the owned points. Collective."""
-    points, bonds = model.points, model.bonds
-    T, integers = sums_table(points)
-    halves = []
-    for mixed in (False, True):
-        quantum, pattern = start_sums(T, bonds.added + bonds.taken, 2.0 * bonds.stiffest)
-        for rows in bonds.rows:
-            add_point_blocks(*rows.arrays, T.reshape(-1), integers, pattern, bonds.finite, mixed)
-        halo = halo_for(points.halo, MIXED_PRODUCTS if mixed else MAGNITUDES)
-        halo.scatter_reverse(integers.reshape(-1, 2, 9, 4)[:, :, 6:9])
-        halves.append(integers.reshape(-1, 9, 4)[: 2 * points.n_owned, 6:9].copy())
-    return PointBlocks(np.concatenate(halves, axis=1), quantum, pattern)
 
 
 def node_blocks(model: Model, of_points: np.ndarray | None) -> np.ndarray:

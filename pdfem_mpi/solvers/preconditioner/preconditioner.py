@@ -13,15 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.finite_elements.nodes import local_nodes
 from pdfem_mpi.kernels.preconditioner import add_block_products, interpolate_to_points, restrict_points
-from pdfem_mpi.model.forces import Bounds, Forces
+from pdfem_mpi.kernels.rounding import pattern_for
+from pdfem_mpi.model.bounds import Bounds
+from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
-from pdfem_mpi.model.model import Model, build_intact_elements, local_nodes
-from pdfem_mpi.model.unknowns import point_rows
+from pdfem_mpi.model.model import Model, build_intact_elements
 from pdfem_mpi.parallel.comm import largest
-from pdfem_mpi.peridynamics.bonds import pattern_for
+from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.failure import Broken
-from pdfem_mpi.solvers.preconditioner.blocks import PointBlocks, inverted, node_blocks, point_blocks, softest
+from pdfem_mpi.peridynamics.point_blocks import PointBlocks, point_blocks
+from pdfem_mpi.solvers.preconditioner.blocks import inverted, node_blocks, softest
 from pdfem_mpi.solvers.preconditioner.coarse_grid import Grid, make_grid
 from pdfem_mpi.solvers.preconditioner.smoothing import damping
 
@@ -103,7 +106,7 @@ class Preconditioner:
 
     def update_after_breaks(self, broken: Broken) -> None:
         """Renew the blocks of points that lost bonds; nodes of the overlap keep theirs. Collective."""
-        points = self.of_points.take_out(self.model, broken)
+        points = self.of_points.take_out(self.model.points, self.model.bonds, broken)
         points = points[points < len(self.fixed_points)]
         self.blocks[points] = inverted(self.of_points.values(points), self.fixed_points[points], self.softest[points])
 
@@ -142,7 +145,7 @@ def make_preconditioner(
     blocks, around, held = [], np.empty((0, 8), np.int32), np.zeros((len(intact.nodes.number), 3), np.int64)
     limit, modulus = np.empty(0), discretization.youngs_modulus
     if model.points:
-        of_points = point_blocks(model)
+        of_points = point_blocks(model.points, model.bonds)
         values = of_points.values()
         owned = np.concatenate([model.subdomain.free, model.subdomain.overlap])
         limit = softest(model.comm, values, np.repeat(modulus[owned], 8))[: unknowns.n_points]

@@ -11,13 +11,14 @@ from pdfem_mpi.deck.outputs import BarProbe
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.table import DeckError, SceneError
 from pdfem_mpi.deck.toml import parse_deck, write_deck
+from pdfem_mpi.finite_elements import elements as elements_module
 from pdfem_mpi.kernels.surface_correction import INFINITE_RESPONSE
 from pdfem_mpi.measure.bar import bar_results, measure_bar
-from pdfem_mpi.model import model as model_module
 from pdfem_mpi.model.model import build_intact_elements
-from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.peridynamics.bonds import count_by_material
-from pdfem_mpi.peridynamics.failure import UNBREAKABLE, critical_stretches
+from pdfem_mpi.peridynamics.clusters import cluster_layout, point_rows
+from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE, critical_stretches
+from pdfem_mpi.peridynamics.point_blocks import point_blocks
 from pdfem_mpi.solvers.preconditioner import blocks
 from pdfem_mpi.solvers.preconditioner import coarse_grid as grid
 from support.bodies import YOUNGS_MODULUS, build, fields_of_positions, make_scene
@@ -154,7 +155,7 @@ def test_bonds_of_two_materials_by_hand(across):
     body = build(scene_of(7.0, cells=(3, 1, 1), at=1, correction="none", interfaces=interfaces), loaded=False)
     u = np.random.default_rng(5).standard_normal((24, 3)) * 1e-3
     expected, counts = reference_forces(body, u)
-    found = body.internal(model_module.cluster_layout(u.reshape(-1, 8, 3)))
+    found = body.internal(cluster_layout(u.reshape(-1, 8, 3)))
     np.testing.assert_allclose(point_rows(found), expected, atol=SINGLE * np.abs(expected).max())
     both = counts[0, 1] + counts[1, 0]
     np.testing.assert_array_equal(
@@ -207,7 +208,7 @@ def test_surface_correction_refers_each_point_to_its_own_material(contrast):
 @pytest.mark.parametrize("most_shapes", [4, 0], ids=["shared", "general"])
 def test_elements_of_two_materials(monkeypatch, most_shapes):
     """Energy of a uniform strain: each half by its own Young's modulus and Poisson's ratio; 0.49 is nearly rigid."""
-    monkeypatch.setattr(model_module, "MOST_SHAPES", most_shapes)
+    monkeypatch.setattr(elements_module, "MOST_SHAPES", most_shapes)
     body = build(scene_of(5.0, FE, FE, nu=0.3), loaded=False)
     assert len(body.model.elements.shared) == (2 if most_shapes else 0)
     strain = np.array([[1.0, 0.2, 0.0], [0.2, -0.5, 0.3], [0.0, 0.3, 0.4]]) * 1e-3
@@ -273,7 +274,7 @@ def test_a_soft_material_is_not_held_still():
     """A block is soft by its own material's measure: 1e-5 of a contrast is no missing stiffness."""
     body = build(scene_of(1e-5), loaded=False)
     n = body.model.unknowns.n_points
-    values = blocks.point_blocks(body.model).values()
+    values = point_blocks(body.model.points, body.model.bonds).values()
     modulus = np.repeat(body.discretization.youngs_modulus[body.model.subdomain.free], 8)
     limit = blocks.softest(body.model.comm, values, modulus)
     np.testing.assert_allclose(limit, modulus * limit.max(), rtol=1e-12)

@@ -12,8 +12,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pdfem_mpi.kernels import families, hex8
-from pdfem_mpi.model.unknowns import cluster_layout
-from pdfem_mpi.peridynamics.bonds import RESPONSE_CONSTANT, Bonds, Points, find_bonds
+from pdfem_mpi.peridynamics.bonds import RESPONSE_CONSTANT, Bonds
+from pdfem_mpi.peridynamics.clusters import cluster_layout
+from pdfem_mpi.peridynamics.points import Points
+from pdfem_mpi.peridynamics.rows import find_bonds
 
 CUTOFF = 2.5 * (1 + families.CUTOFF_GUARD)
 W = 4

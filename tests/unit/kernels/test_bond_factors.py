@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from unit.kernels.bodies import W, body, part, parts, slots
 
-from pdfem_mpi.kernels import bond_factors
-from pdfem_mpi.kernels.bond_factors import BLOCK_ENTRIES, BLOCK_SCALES, MONOMIALS, ROWS, N
-from pdfem_mpi.peridynamics.bonds import integer_bits, pattern_for
+from pdfem_mpi.kernels import bond_moments, moment_blocks, moment_grid
+from pdfem_mpi.kernels.bond_moments import ROWS
+from pdfem_mpi.kernels.monomials import BLOCK_ENTRIES, BLOCK_SCALES, MONOMIALS, N
+from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow")  # numpy's integers warn as they wrap
 
@@ -68,7 +69,7 @@ def scattered(n, i, j, terms, sign):
 
 def normal_products(shares, v, held=HELD, nearest=NEAREST):
     def kernel(share, rows, tables, pattern):
-        bond_factors.add_normal_products(*rows.arrays, *tables, pattern, share.bonds.finite, held, nearest)
+        bond_moments.add_normal_products(*rows.arrays, *tables, pattern, share.bonds.finite, held, nearest)
 
     bound = 4.0 * max(share.bonds.stiffest for share in shares) * np.abs(v).max() * np.sqrt(N)
     return swept(shares, v, kernel, bound)
@@ -108,7 +109,7 @@ def test_moments(finite, bounded, n_cells):
     peak = np.zeros(1)
 
     def kernel(share, rows, tables, pattern):
-        bond_factors.add_moments(*rows.arrays, *tables, pattern, finite, bounded, peak)
+        bond_moments.add_moments(*rows.arrays, *tables, pattern, finite, bounded, peak)
 
     i, j, k = bonds_of(share)
     total, quantum = swept([share], v, kernel, 100.0 * share.bonds.strongest)
@@ -141,7 +142,7 @@ def test_factors_are_written_into_the_bonds(finite, n_cells):
         T = table(share, v, np.zeros(len(whole.x), np.int64), 0.0)
         before = [rows.data != 0.0 for rows in share.bonds.rows]
         for rows in share.bonds.rows:
-            held += bond_factors.write_factors(*rows.arrays, T.reshape(-1), finite, bounded, NEAREST, extremes)
+            held += bond_moments.write_factors(*rows.arrays, T.reshape(-1), finite, bounded, NEAREST, extremes)
         width = 2 * W if finite else W
         found = []
         for rows, was in zip(share.bonds.rows, before, strict=True):
@@ -168,7 +169,7 @@ def test_a_second_factor_of_negative_numbers_adds_in_proportion_to_their_size(fi
     change = ((v[i] - v[j]) * monomials(xi)).sum(axis=1) / (xi**2).sum(axis=1) ** 2
     T = table(share, v, np.zeros(len(whole.x), np.int64), 0.0)
     for rows in share.bonds.rows:
-        bond_factors.write_factors(*rows.arrays, T.reshape(-1), finite, False, 0.0, np.zeros(4))
+        bond_moments.write_factors(*rows.arrays, T.reshape(-1), finite, False, 0.0, np.zeros(4))
     np.testing.assert_allclose(bonds_of(share)[2], k + abs(k) * change, rtol=2.0**-22)
 
 
@@ -183,7 +184,7 @@ def test_blocks_are_those_of_the_operator(finite, n_cells):
     for number in range(3):
 
         def kernel(share, rows, tables, pattern, number=number):
-            bond_factors.add_blocks(*rows.arrays, *tables, pattern, finite, HELD, NEAREST, number)
+            bond_moments.add_blocks(*rows.arrays, *tables, pattern, finite, HELD, NEAREST, number)
 
         total, quantum = swept([share], np.zeros((len(whole.x), N)), kernel, 4.0 * share.bonds.stiffest, symmetric=True)
         sums.append(total * quantum)
@@ -223,7 +224,7 @@ def test_inverse_blocks():
         sums[p, BLOCK_ENTRIES] = matrix
     pinned = np.array([0.25, 0.0])
     inverse = np.zeros((2, 55), np.float32)
-    bond_factors.invert_blocks(sums, pinned, inverse)
+    moment_blocks.invert_blocks(sums, pinned, inverse)
     unpacked = np.zeros((2, N, N))
     unpacked[:, *np.tril_indices(N)] = inverse
     unpacked += np.tril(unpacked, -1).swapaxes(1, 2)
@@ -236,7 +237,7 @@ def test_inverse_blocks():
 
     r, z = rng.standard_normal((1, N, W)), np.full((1, N, W), 9.0)
     packed = np.concatenate([inverse, inverse])
-    bond_factors.multiply_blocks(packed, r.reshape(-1), z.reshape(-1))
+    moment_blocks.multiply_blocks(packed, r.reshape(-1), z.reshape(-1))
     for lane in range(W):
         np.testing.assert_allclose(z[0, :, lane], unpacked[lane % 2] @ r[0, :, lane], rtol=1e-12, atol=1e-12)
 
@@ -258,11 +259,11 @@ def test_interpolation_reproduces_quadratic_functions_and_restriction_is_its_tra
     coarse[number] = nodes @ slopes + nodes**2 @ squares
     z = np.zeros((2, N, W))
     grid = (8, flat, lower, inverse_h, counts, number)
-    bond_factors.interpolate_moments(*grid, coarse, z.reshape(-1))
+    moment_grid.interpolate_moments(*grid, coarse, z.reshape(-1))
     found = z.swapaxes(1, 2).reshape(8, N)
     np.testing.assert_allclose(found, x @ slopes + x**2 @ squares, rtol=1e-12, atol=1e-12)
 
     r = rng.standard_normal((2, N, W))
     sums = np.zeros((len(number), N), np.int64)
-    bond_factors.restrict_moments(*grid, r.reshape(-1), 2.0**-40, sums)
+    moment_grid.restrict_moments(*grid, r.reshape(-1), 2.0**-40, sums)
     assert (sums * 2.0**-40 * coarse).sum() == pytest.approx((r * z).sum(), rel=1e-10)

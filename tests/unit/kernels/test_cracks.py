@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.deck.peridynamics import Crack, polygon_normal
-from pdfem_mpi.model.unknowns import point_rows
-from pdfem_mpi.peridynamics.bonds import cut_bonds, total_bonds
+from pdfem_mpi.peridynamics.bonds import total_bonds
+from pdfem_mpi.peridynamics.clusters import point_rows
+from pdfem_mpi.peridynamics.cracks import cut_bonds
 from support.bodies import build, make_scene
 
 CELLS = (3, 3, 2)

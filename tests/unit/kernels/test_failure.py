@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from unit.kernels.bodies import LONG, W, body, layout, part, parts, slots, stored_bonds, table_rows
 
-from pdfem_mpi.kernels import failure, peridynamics
+from pdfem_mpi.kernels import bond_forces, bond_response, failure, point_table
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.preconditioner import add_point_blocks
-from pdfem_mpi.peridynamics.bonds import integer_bits, pattern_for
+from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 
 ROUND_OFF = 1e-11  # relative: a few operations in float64 on differences of displacements, which cancel a little
 STRAIN = 2e-3
@@ -26,11 +26,11 @@ def displaced(whole, strain=STRAIN):
     return strain * (whole.x @ rng.uniform(-0.5, 0.5, (3, 3)) + 0.2 * rng.uniform(-1.0, 1.0, whole.x.shape))
 
 
-def point_table(share, u):
+def table_of(share, u):
     S = np.zeros((share.points.n_clusters, 9, W))
     S[:, 3:6] = share.points.x.reshape(-1, 3, W)
     u = layout(u[share.point])
-    peridynamics.load_displacements(u, share.points.x, S.reshape(-1), share.points.n_clusters, share.bonds.finite)
+    point_table.load_displacements(u, share.points.x, S.reshape(-1), share.points.n_clusters, share.bonds.finite)
     return S.reshape(-1)
 
 
@@ -74,7 +74,7 @@ def test_largest_ratio(finite, cells):
     order = np.sort(ratios.astype(float))
     for most, expected in ((np.inf, order[-1]), (0.5 * (order[-1] + order[-2]), order[-2])):
         found = failure.largest_ratio(
-            *share.bonds.interior.arrays, point_table(share, u), class_of, inverse, finite, 0.0, most
+            *share.bonds.interior.arrays, table_of(share, u), class_of, inverse, finite, 0.0, most
         )
         assert found == pytest.approx(expected, rel=SINGLE if finite else ROUND_OFF)
     assert ratios.argmax() != s.argmax()  # the classes decide
@@ -86,7 +86,7 @@ def test_largest_ratio_passes_over_broken_bonds(finite):
     whole = body(SMALL)
     u, share = displaced(whole), part(whole, finite=finite)
     class_of, inverse = np.zeros(share.points.n_clusters, np.uint8), np.ones((1, 1))
-    table, rows = point_table(share, u), share.bonds.interior
+    table, rows = table_of(share, u), share.bonds.interior
     pairs, _ = stored_bonds([share])
     s = stretches(whole, u, pairs, finite)[0]
     order = np.argsort(s)
@@ -108,7 +108,7 @@ def test_largest_ratio_of_the_longer_bonds(finite, cells):
     worst = r0[s.argmax()] * 1.001
     for nearest, counting in ((worst, r0 > worst), (0.0, r0 > 0.0), (2.0 * float(r0.max()), r0 < 0.0)):
         found = failure.largest_ratio(
-            *share.bonds.interior.arrays, point_table(share, u), class_of, inverse, finite, float(nearest) ** 2, np.inf
+            *share.bonds.interior.arrays, table_of(share, u), class_of, inverse, finite, float(nearest) ** 2, np.inf
         )
         expected = float(s[counting].max()) if counting.any() else 0.0
         assert found == pytest.approx(expected, rel=SINGLE if finite else ROUND_OFF)
@@ -123,7 +123,7 @@ def test_largest_ratio_is_the_same_bits_on_any_ranks(finite):
     def largest(shares):
         return max(
             failure.largest_ratio(
-                *rows.arrays, point_table(s, u), np.zeros(s.points.n_clusters, np.uint8), inverse, finite, 0.0, np.inf
+                *rows.arrays, table_of(s, u), np.zeros(s.points.n_clusters, np.uint8), inverse, finite, 0.0, np.inf
             )
             for s in shares
             for rows in s.bonds.rows
@@ -139,7 +139,7 @@ def summed(shares, u):
     digits = np.zeros(SIZE, np.int64)
     for share in shares:
         for rows in share.bonds.rows:
-            failure.add_energies(*rows.arrays, point_table(share, u), share.bonds.finite, digits)
+            failure.add_energies(*rows.arrays, table_of(share, u), share.bonds.finite, digits)
     return value(digits)
 
 
@@ -167,16 +167,16 @@ def test_energy_is_what_the_forces_do_work_against(finite):
     whole = body(SMALL)
     share = part(whole, finite=finite)
     u = displaced(whole, 0.1 if finite else 1.0)
-    sweep = peridynamics.SWEEPS[finite, False, False]
+    sweep = bond_forces.SWEEPS[finite, False, False]
     quantum, pattern = pattern_for(share.bonds.strongest * 2.0**3)
     power = []
     for t in (0.0, 0.25, 0.5, 0.75, 1.0):
-        S = point_table(share, t * u)
+        S = table_of(share, t * u)
         SI = S.view(np.int64)
-        peridynamics.reset_forces(SI, share.bonds.added - share.bonds.taken, integer_bits(pattern))
+        point_table.reset_forces(SI, share.bonds.added - share.bonds.taken, integer_bits(pattern))
         rows = share.bonds.interior
         nothing = np.empty(0, np.uint8), np.empty(0), np.empty((0, 0)), *records(0), np.zeros(1, np.int64)
-        table = peridynamics.constants(pattern)
+        table = bond_response.constants(pattern)
         sweep(0, len(rows.start) - 1, *rows.arrays, S, SI, table, np.zeros(2), *nothing)
         power.append(-(quantum * table_rows(SI, 6) * u[share.point]).sum())
     work = np.dot(power, (7.0, 32.0, 12.0, 32.0, 7.0)) / 90.0  # Boole's rule: sixth order
@@ -193,7 +193,7 @@ def test_energies_of_broken_bonds(finite, cells):
     pairs, numbers = np.stack([j, i], axis=1), np.zeros((len(i), 2), np.float32)
     numbers[:, : stored.shape[1]] = stored
     found = np.full(len(i) + 1, 9.0)
-    failure.broken_energies(pairs, numbers, len(i), point_table(share, u), finite, found)
+    failure.broken_energies(pairs, numbers, len(i), table_of(share, u), finite, found)
     expected = energies(whole, u, share.point[pairs], stored, finite).astype(float)
     np.testing.assert_allclose(found[:-1], expected, rtol=2.0 * SINGLE if finite else ROUND_OFF)
     assert found[-1] == 9.0
@@ -239,7 +239,7 @@ def blocks(share, pattern):
         S = np.zeros((share.points.n_clusters, 9, W))
         S[:, 3:6] = share.points.x.reshape(-1, 3, W)
         SI = S.view(np.int64).reshape(-1)
-        peridynamics.reset_forces(SI, share.bonds.added + share.bonds.taken, integer_bits(pattern))
+        point_table.reset_forces(SI, share.bonds.added + share.bonds.taken, integer_bits(pattern))
         rows = share.bonds.interior
         add_point_blocks(*rows.arrays, S.reshape(-1), SI, pattern, share.bonds.finite, mixed)
         halves.append(S.view(np.int64)[:, 6:9])

@@ -18,20 +18,21 @@ from unit.kernels.bodies import (
     table_rows,
 )  # fmt: skip
 
-from pdfem_mpi.kernels import peridynamics
-from pdfem_mpi.kernels.peridynamics import SERIES_LIMIT, SMALLEST_SQUARE
-from pdfem_mpi.peridynamics.bonds import Rows, integer_bits, pattern_for
-from pdfem_mpi.peridynamics.failure import UNBREAKABLE
+from pdfem_mpi.kernels import bond_densities, bond_forces, bond_response, point_table
+from pdfem_mpi.kernels.bond_response import SERIES_LIMIT, SMALLEST_SQUARE
+from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
+from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE
+from pdfem_mpi.peridynamics.rows import Rows
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow")  # numpy's integers warn as they wrap
 
 FINITE = {
-    "series": peridynamics.add_forces_series,
-    "closed": peridynamics.add_forces_closed,
-    "series failing": peridynamics.add_forces_series_failing,
-    "closed failing": peridynamics.add_forces_closed_failing,
+    "series": bond_forces.add_forces_series,
+    "closed": bond_forces.add_forces_closed,
+    "series failing": bond_forces.add_forces_series_failing,
+    "closed failing": bond_forces.add_forces_closed_failing,
 }
-LINEAR = {"linear": peridynamics.add_forces_linear, "linear failing": peridynamics.add_forces_linear_failing}
+LINEAR = {"linear": bond_forces.add_forces_linear, "linear failing": bond_forces.add_forces_linear_failing}
 SWEEPS = FINITE | LINEAR
 every_sweep = pytest.mark.parametrize("name", list(SWEEPS))
 finite_sweeps = pytest.mark.parametrize("name", list(FINITE))
@@ -101,15 +102,15 @@ class Swept:
 
     def __init__(self, shares, u, name, bound, critical_stretch=NO_CRACK):
         self.quantum, pattern = pattern_for(bound)
-        table = peridynamics.constants(pattern)
+        table = bond_response.constants(pattern)
         limit = critical_stretch if name in LINEAR else critical_stretch * (2.0 + critical_stretch)
         self.records = np.empty((0, 4))
         self.integers = np.zeros((sum(8 * share.points.n_owned for share in shares), 3), np.int64)
         self.extremes, self.broken = np.zeros(2), 0
         for share in shares:
-            S = point_table(share, u)
+            S = table_of(share, u)
             SI = S.view(np.int64).reshape(-1)
-            peridynamics.reset_forces(SI, share.bonds.added - share.bonds.taken, integer_bits(pattern))
+            point_table.reset_forces(SI, share.bonds.added - share.bonds.taken, integer_bits(pattern))
             for rows in share.bonds.rows:
                 n = len(rows.start) - 1
                 for first, last in ((0, n // 3), (n // 3, n)):
@@ -135,12 +136,12 @@ def nothing_fails(share, limit=UNBREAKABLE):
     return *one_class, np.empty((ROOM, 2), np.int64), np.full((ROOM, 2), np.nan, np.float32), np.zeros(1, np.int64)
 
 
-def point_table(share, u):
+def table_of(share, u):
     """The table of one part: its displacements, and positions as its kinematics want them."""
     local = layout(u[share.point])
     S = np.zeros((share.points.n_clusters, 9, W))
     S[:, 3:6] = share.points.x.reshape(-1, 3, W)
-    peridynamics.load_displacements(local, share.points.x, S.reshape(-1), share.points.n_clusters, share.bonds.finite)
+    point_table.load_displacements(local, share.points.x, S.reshape(-1), share.points.n_clusters, share.bonds.finite)
     return S
 
 
@@ -295,11 +296,11 @@ def test_extremes(name):
     expected = [abs(met).max(), 0.0] if name in LINEAR else [met.max(), met.min()]
     np.testing.assert_allclose(result.extremes, np.array(expected, float), rtol=1e-11)
     share = part(whole, finite=name not in LINEAR)
-    rows, S = share.bonds.interior, point_table(share, displacements(whole, 1e-3))
+    rows, S = share.bonds.interior, table_of(share, displacements(whole, 1e-3))
     extremes = np.array([5.0, -7.0])
     SWEEPS[name](
         0, len(rows.start) - 1, *rows.arrays, S.reshape(-1), S.view(np.int64).reshape(-1),
-        peridynamics.constants(1.0), extremes, *nothing_fails(share),
+        bond_response.constants(1.0), extremes, *nothing_fails(share),
     )  # fmt: skip
     assert extremes.tolist() == [5.0, -7.0]
 
@@ -565,11 +566,11 @@ def test_sweeps_add_to_forces(name):
     share = part(whole, finite=name not in LINEAR)
     once = Swept([share], u, name, 1.0)
     _, pattern = pattern_for(1.0)
-    S = point_table(share, u)
+    S = table_of(share, u)
     SI = S.view(np.int64).reshape(-1)
-    peridynamics.reset_forces(SI, 2 * (share.bonds.added - share.bonds.taken), integer_bits(pattern))
+    point_table.reset_forces(SI, 2 * (share.bonds.added - share.bonds.taken), integer_bits(pattern))
     rows = share.bonds.interior
-    table = peridynamics.constants(pattern)
+    table = bond_response.constants(pattern)
     for _ in range(2):
         whole_sweep = 0, len(rows.start) - 1, *rows.arrays, S.reshape(-1), SI, table, np.zeros(2)
         SWEEPS[name](*whole_sweep, *nothing_fails(share))
@@ -587,7 +588,7 @@ def test_load_displacements(finite):
     rng = np.random.default_rng(11)
     x, u = rng.normal(size=(5, 3, W)), rng.normal(size=(3, 3, W))
     S = np.full((5, 9, W), 7.0)
-    peridynamics.load_displacements(u.reshape(-1), x.reshape(-1), S.reshape(-1), 3, finite)
+    point_table.load_displacements(u.reshape(-1), x.reshape(-1), S.reshape(-1), 3, finite)
     assert (S[:3, 0:3] == u).all()
     assert (S[:3, 3:6] == (2.0 * x[:3] + u if finite else 7.0)).all()
     S[:3, :6] = 7.0
@@ -600,7 +601,7 @@ def test_complete_z():
     rng = np.random.default_rng(12)
     x, S = rng.normal(size=(5, 3, W)), rng.normal(size=(5, 9, W))
     before = S.copy()
-    peridynamics.complete_z(2, 4, x.reshape(-1), S.reshape(-1))
+    point_table.complete_z(2, 4, x.reshape(-1), S.reshape(-1))
     before[2:4, 3:6] = 2.0 * x[2:4] + before[2:4, 0:3]
     assert np.array_equal(S, before)
 
@@ -611,7 +612,7 @@ def test_reset_forces():
     excess = np.array([0, 4, -8, 2000, 1, 2, 3, -4])
     pattern = integer_bits(1.5 * 2.0**20)
     SI = np.full((2, 9, W), 5)
-    peridynamics.reset_forces(SI.reshape(-1), excess, pattern)
+    point_table.reset_forces(SI.reshape(-1), excess, pattern)
     wrapped = [(-int(n) * pattern + 2**63) % 2**64 - 2**63 for n in excess]
     assert (SI[:, 6:9] == np.array(wrapped).reshape(2, 1, W)).all()
     assert (SI[:, :6] == 5).all()
@@ -623,7 +624,7 @@ def test_read_forces():
     rng = np.random.default_rng(13)
     SI = rng.integers(-(2**55), 2**55, (3, 9, W))
     external, force = rng.normal(size=24), np.full(24, 9.0)
-    peridynamics.read_forces(SI.reshape(-1), 2.0**-50, external, force)
+    point_table.read_forces(SI.reshape(-1), 2.0**-50, external, force)
     expected = external + (SI[:2, 6:9] * 2.0**-50).reshape(-1)
     assert (force == expected).all()
 
@@ -640,9 +641,9 @@ def densities(shares, bound):
         S[:, 3:6] = share.points.x.reshape(-1, 3, W)
         terms = share.bonds.added + share.bonds.taken
         SI = S.view(np.int64).reshape(-1)
-        peridynamics.reset_forces(SI, terms, integer_bits(pattern))
+        point_table.reset_forces(SI, terms, integer_bits(pattern))
         for rows in share.bonds.rows:
-            peridynamics.add_densities(*rows.arrays, S.reshape(-1), SI, pattern, share.bonds.finite)
+            bond_densities.add_densities(*rows.arrays, S.reshape(-1), SI, pattern, share.bonds.finite)
         np.add.at(total, share.point, table_rows(S.view(np.int64), 6))
     return total, quantum
 

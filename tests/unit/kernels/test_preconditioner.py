@@ -6,7 +6,7 @@ import pytest
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.kernels.preconditioner import interpolate_to_points, restrict_points
 from pdfem_mpi.mesh import generators
-from pdfem_mpi.model.unknowns import cluster_layout
+from pdfem_mpi.peridynamics.clusters import cluster_layout
 
 QUANTUM = 2.0**-40
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from pdfem_mpi.finite_elements import elements as elements_module
 from pdfem_mpi.kernels.finite_elements import element_stiffness
-from pdfem_mpi.model import model as model_module
-from pdfem_mpi.model.unknowns import cluster_layout, point_rows
+from pdfem_mpi.peridynamics.clusters import cluster_layout, point_rows
 from support.bodies import build, make_scene
 
 ROUND_OFF = 1e-12  # of sums of some hundred terms of one sign
@@ -41,7 +41,7 @@ def test_general_elements_give_the_forces_of_elements_of_one_shape(monkeypatch, 
     """More shapes than MOST_SHAPES: geometry tables instead of a shared stiffness, to round-off."""
     scene = make_scene((5, 2, 2), 3, coupling=coupling)
     shared = build(scene)
-    monkeypatch.setattr(model_module, "MOST_SHAPES", 0)
+    monkeypatch.setattr(elements_module, "MOST_SHAPES", 0)
     general = build(scene)
     assert shared.model.elements.general is None
     assert not general.model.elements.shared

@@ -9,9 +9,9 @@ import pytest
 
 from pdfem_mpi.deck.programs import Solver
 from pdfem_mpi.deck.toml import write_deck
-from pdfem_mpi.model.forces import NotFinite
-from pdfem_mpi.model.unknowns import cluster_layout, point_rows
+from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.peridynamics.clusters import cluster_layout, point_rows
 from pdfem_mpi.runs.run import run
 from pdfem_mpi.stepping import make_solver
 from support.bodies import build, make_scene

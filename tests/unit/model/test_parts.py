@@ -18,8 +18,8 @@ from pdfem_mpi.model import parts as components
 from pdfem_mpi.model.loads import remove_rigid_motion
 from pdfem_mpi.model.mechanisms import describe_motion
 from pdfem_mpi.model.motions import left_free
-from pdfem_mpi.model.unknowns import point_rows
 from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.runs.run import run
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import make_solver

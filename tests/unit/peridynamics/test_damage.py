@@ -10,9 +10,9 @@ from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.table import DeckError
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.measure.fields import gather_damage
+from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.peridynamics.damage import Remaining
-from pdfem_mpi.peridynamics.failure import make_failure
 from pdfem_mpi.runs.run import run
 from support.bodies import build, make_scene
 from support.reporters import Silence
@@ -67,7 +67,7 @@ def test_weights_from_row_to_row_are_those_of_all_bonds_left(scene):
     for size in (0.0, 0.01, 0.03, 0.03):
         u = body.of_positions(lambda x, size=size: size * np.sin(x + 2.0 * x[:, [1, 2, 0]]))
         body.forces.evaluate_surely(u, np.zeros_like(u), np.empty_like(u), failure)
-        failure.close(body.model)
+        failure.close(body.model.comm)
         expected = gather_damage(body.discretization, body.model)
         found = gather_damage(body.discretization, body.model, remaining, failure)
         assert (found == expected).all()

@@ -15,12 +15,14 @@ from pdfem_mpi.deck.table import DeckError
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.kernels.exact_sums import BITS
 from pdfem_mpi.mesh.hexmesh import HexMesh
-from pdfem_mpi.peridynamics import failure as failure_module
-from pdfem_mpi.peridynamics.failure import UNBREAKABLE, critical_stretches, make_failure, point_classes
+from pdfem_mpi.model import breaking
+from pdfem_mpi.model.breaking import make_failure
+from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE, critical_stretches, point_classes
+from pdfem_mpi.peridynamics.point_blocks import point_blocks
 from pdfem_mpi.runs.failure_notes import describe_criterion
-from pdfem_mpi.solvers.preconditioner.blocks import inverted, point_blocks
+from pdfem_mpi.solvers.preconditioner.blocks import inverted
 from support.bodies import build, make_scene
-from support.failing import EDGE, STRETCH, failing, followed, strip
+from support.failing import EDGE, STRETCH, failing, followed, of_bonds, strip
 
 QUADRATURE = 1e-6  # relative: the cutoff's guard is 1e-9, the cone integral is exact to 1e-8
 
@@ -103,7 +105,7 @@ def test_bonds_into_the_overlap_break():
     body = run.body
     body.state.u[:] = body.of_positions(lambda x: 0.01 * x)
     body.forces.evaluate_surely(body.state.u, np.zeros_like(body.state.u), np.empty_like(body.state.u), run.failure)
-    assert run.failure.close(body.model) > 1000
+    assert run.failure.close(body.model.comm) > 1000
     cells = np.flatnonzero(body.discretization.has_points)[run.failure.broken_pairs() // 8]
     follows = body.discretization.is_overlap[cells].sum(axis=1)
     assert (np.bincount(follows, minlength=3) > 0).tolist() == [True, True, False]
@@ -178,7 +180,7 @@ def test_books_of_broken_bonds():
 def test_few_records_at_a_time_change_nothing(monkeypatch):
     """Sweeps that fill their records stop, are booked and go on: the same bonds and energies."""
     expected = followed(strip(), 12)
-    monkeypatch.setattr(failure_module, "RECORDS", 1)
+    monkeypatch.setattr(breaking, "RECORDS", 1)
     run = failing(strip())
     assert len(run.failure.pairs) < expected.failure.count
     list(run.follow(12))
@@ -202,7 +204,7 @@ def test_long_elements_far_away_do_not_lengthen_what_is_near():
     nodes[:, 0] = np.where(nodes[:, 0] < 2.0, 2.0 + 8.0 * (nodes[:, 0] - 2.0), nodes[:, 0])
     longer = replace(discretization, mesh=HexMesh(nodes, discretization.mesh.cells))
     assert longer.mesh.average_edge > 1.2 * discretization.mesh.average_edge
-    assert failure_module._mean_edge(longer) == failure_module._mean_edge(discretization)
+    assert breaking._mean_edge(longer) == breaking._mean_edge(discretization)
 
 
 # --- breaking again
@@ -215,7 +217,7 @@ def test_restored_bonds_give_the_same_state(kinematics):
     again = failing(strip(kinematics=kinematics))
     pairs = run.failure.broken_pairs()
     order = np.random.default_rng(1).permutation(len(pairs))
-    again.failure.restore(again.body.model, pairs[order], run.failure.dissipated_digits)
+    again.failure.restore(*of_bonds(again.body.model), pairs[order], run.failure.dissipated_digits)
     again.solve.update_after_breaks(again.failure.take())
     for rows, expected in zip(again.body.model.bonds.rows, run.body.model.bonds.rows, strict=True):
         assert (rows.data == expected.data).all()
@@ -224,7 +226,7 @@ def test_restored_bonds_give_the_same_state(kinematics):
     assert (again.solve.preconditioner.blocks == run.solve.preconditioner.blocks).all()
     assert (np.sort(again.failure.broken_pairs(), axis=0) == np.sort(pairs, axis=0)).all()
     with pytest.raises(ValueError, match=r"only \d+ of \d+ broken bonds are bonds of this scene"):
-        again.failure.restore(again.body.model, pairs[:3], run.failure.dissipated_digits)
+        again.failure.restore(*of_bonds(again.body.model), pairs[:3], run.failure.dissipated_digits)
 
 
 # --- the preconditioner
@@ -238,7 +240,7 @@ def test_blocks_lose_what_broke(options):
     run = followed(strip(**options), 14)
     assert run.failure.count > 50
     kept = run.solve.preconditioner.of_points
-    anew = point_blocks(run.body.model)
+    anew = point_blocks(*of_bonds(run.body.model)[1:])
     assert kept.quantum == anew.quantum
     assert (kept.sums == anew.sums).all()
 
@@ -247,7 +249,7 @@ def test_preconditioner_follows_the_blocks():
     """Inverse blocks are those of the surviving bonds, also of points that lost most of them."""
     run = followed(strip(end_reaction=0.1))
     preconditioner = run.solve.preconditioner
-    values = point_blocks(run.body.model).values()
+    values = point_blocks(*of_bonds(run.body.model)[1:]).values()
     expected = inverted(values, preconditioner.fixed_points, preconditioner.softest)
     assert (preconditioner.blocks[: len(expected)] == expected).all()
 

@@ -6,8 +6,8 @@ from functools import partial
 import numpy as np
 from scipy import sparse
 
-from pdfem_mpi.model.forces import Bounds
-from pdfem_mpi.peridynamics.bonds import Rows
+from pdfem_mpi.model.bounds import Bounds
+from pdfem_mpi.peridynamics.rows import Rows
 from pdfem_mpi.runs.array_bytes import Count
 
 WHOLE = np.zeros(1000)  # 8000 bytes

@@ -12,7 +12,7 @@ from pdfem_mpi.deck.meshes import BoxMesh
 from pdfem_mpi.deck.peridynamics import Crack, Peridynamics
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.table import Units
-from pdfem_mpi.peridynamics.failure import make_failure
+from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.runs.failure_notes import criteria, describe_criterion, failure_summary
 from support.bodies import bond_list, box_regions, build, make_scene
 from support.failing import EDGE, STRETCH, strip

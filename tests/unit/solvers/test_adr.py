@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.deck.loads import BodyForce, Support
-from pdfem_mpi.model.forces import NotFinite
+from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.adr import LARGEST_DAMPING, damping_coefficient
 from pdfem_mpi.solvers.convergence import NotConverged

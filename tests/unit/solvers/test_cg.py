@@ -5,7 +5,7 @@ import pytest
 
 from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.deck.peridynamics import Crack
-from pdfem_mpi.model.unknowns import point_rows
+from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner

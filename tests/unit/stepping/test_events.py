@@ -10,7 +10,7 @@ from pdfem_mpi.stepping import avalanche, equilibria
 from pdfem_mpi.stepping.arrest import LEFT, MOST_DRIFT
 from pdfem_mpi.stepping.avalanche import Avalanche
 from pdfem_mpi.stepping.ledger import Ledger
-from support.failing import CHIP, DEAD, EDGE, GUIDED, STRETCH, chipped, failing, followed, numbers, strip
+from support.failing import CHIP, DEAD, EDGE, GUIDED, STRETCH, chipped, failing, followed, numbers, of_bonds, strip
 
 CLOSED = 1e-10  # of the work: round-off of thousands of sums; 1e-14 is found
 TANGENT_STEPS = 1e-4  # of the work, finite kinematics: X is that of the tangent, strains are some 1e-3; 1e-5 is found
@@ -55,7 +55,7 @@ def test_broken_bonds_dissipate_what_they_had():
     model, state = run.body.model, run.body.state
     force = np.empty_like(state.u)
     run.body.forces.evaluate_surely(state.u, np.zeros_like(force), force, run.failure, 1e-3)
-    broken = run.failure.close(model)
+    broken = run.failure.close(model.comm)
     after = run.body.forces.stored_energy(state.u)
     assert broken > 0
     assert run.failure.dissipated == pytest.approx(before - after, rel=1e-6)
@@ -189,7 +189,7 @@ def test_what_comes_loose_loses_its_load(capsys, kinematics):
         if row.event == "critical" and row.load_factor > 2.0 * at > 0.0:  # the load of the chip was what broke its neck
             break
         at = max(at, row.load_factor)
-    bare.failure.restore(bare.body.model, run.failure.broken_pairs(), run.failure.dissipated_digits)
+    bare.failure.restore(*of_bonds(bare.body.model), run.failure.broken_pairs(), run.failure.dissipated_digits)
     bare.solve.update_after_breaks(bare.failure.take())
     (alone,) = bare.follow(1)
     assert row.load_factor == pytest.approx(alone.load_factor, rel=1e-6)

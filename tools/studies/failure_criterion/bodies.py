@@ -207,13 +207,13 @@ class Ruled(Failure):
         parts = zip(self.bonds.stretches(S), self.inverse, weights, self.left, strict=True)
         return [s * inverse * weight * left for s, inverse, weight, left in parts]
 
-    def largest_ratio(self, model, S, most=np.inf):
+    def largest_ratio(self, comm, bonds, S, most=np.inf):
         """By the rule."""
         return max(float(ratios[ratios <= most].max(initial=0.0)) for ratios in self._ratios(S, self.telling))
 
     def break_at(self, model, S, margin: float) -> None:
         """Break what the rule breaks at the table, if a bond that tells is critical."""
-        if self.largest_ratio(model, S) < 1.0 - margin:
+        if self.largest_ratio(model.comm, model.bonds, S) < 1.0 - margin:
             return
         for rows, ends, left, ratios in zip(
             model.bonds.rows, self.bonds.ends, self.left, self._ratios(S, self.breaking), strict=True
@@ -228,7 +228,7 @@ class Ruled(Failure):
             pairs, strengths, energies = pairs[:n].copy(), strengths[:n].copy(), np.empty(n)
             kernels.broken_energies(pairs, strengths, n, S.reshape(-1), False, energies)
             add_products(energies, np.ones(n), self._digits)
-            self._enter(model, pairs, strengths)
+            self._enter(model.points, pairs, strengths)
 
 
 def break_by_rule(solve, failure, state, external, margin=0.0, residual=None) -> int:
@@ -237,8 +237,8 @@ def break_by_rule(solve, failure, state, external, margin=0.0, residual=None) ->
         return break_by_stretch(solve, failure, state, external, margin, residual)
     forces = solve.forces
     forces.evaluate_surely(state.u, external, residual)
-    failure.break_at(forces.model, forces.S, margin)
-    count = failure.close(forces.model)
+    failure.break_at(forces.model, forces.of_bonds.S, margin)
+    count = failure.close(forces.model.comm)
     if count:
         solve.update_after_breaks(failure.take())
         forces.evaluate_surely(state.u, external, residual)

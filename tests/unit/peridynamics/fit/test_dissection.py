@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.kernels.bond_factors import MONOMIALS, MULTIPLICITY
+from pdfem_mpi.kernels.monomials import MONOMIALS, MULTIPLICITY
 from pdfem_mpi.mesh.background_grid import cell_nodes
 from pdfem_mpi.peridynamics.fit.dissection import BlockMatrix, count_entries, dissect, factorise
 from pdfem_mpi.peridynamics.fit.killing import free_motions

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from pdfem_mpi.kernels.bond_factors import MONOMIALS, MULTIPLICITY, N
-from pdfem_mpi.model.unknowns import point_rows
+from pdfem_mpi.kernels.monomials import MONOMIALS, MULTIPLICITY, N
 from pdfem_mpi.peridynamics.bonds import RESPONSE_CONSTANT
+from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.fit.dissection import count_entries
 from pdfem_mpi.peridynamics.fit.equations import HELD
 from pdfem_mpi.peridynamics.fit.grid import MOST_ENTRIES, grid_counts, make_factor_grid, tensor

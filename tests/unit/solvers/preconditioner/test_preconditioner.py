@@ -6,8 +6,9 @@ import pytest
 from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.model.model import build_intact_elements
 from pdfem_mpi.model.motions import rigid_modes
+from pdfem_mpi.peridynamics.point_blocks import point_blocks
 from pdfem_mpi.solvers.preconditioner import coarse_grid as grid
-from pdfem_mpi.solvers.preconditioner.blocks import inverted, node_blocks, point_blocks, softest
+from pdfem_mpi.solvers.preconditioner.blocks import inverted, node_blocks, softest
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from support.bodies import build, make_scene
 
@@ -93,7 +94,7 @@ def test_point_blocks_are_the_diagonal_of_the_stiffness():
     """Each block against the force of a unit displacement of its point or node."""
     body = build(make_scene((6, 3, 2), 3, correction="appendix_a"))
     model, n = body.model, 3 * body.model.unknowns.n_points
-    of_points = point_blocks(model).values()
+    of_points = point_blocks(model.points, model.bonds).values()
     blocks = np.concatenate([of_points[: n // 3], node_blocks(model, of_points)])
     pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
     rng = np.random.default_rng(1)

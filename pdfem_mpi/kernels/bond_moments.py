@@ -1,4 +1,4 @@
-"""Fitted bond factors: the ten moments of a point's bonds, their matrix-free normal operator, and its point blocks.
+"""Fitted bond factors: sums over the bonds for the ten moments of every point, and writing the factors.
 
 With ``n`` the unit vector of a bond and ``xi = r n``, a point's bonds balance every uniform strain when ten moments
 of the bond strengths ``k_ij = c exp(-r^2) w_i w_j g_ij`` have given values::
@@ -18,8 +18,8 @@ import math
 import numpy as np
 from numba import njit, types
 
+from pdfem_mpi.kernels.monomials import N
 from pdfem_mpi.kernels.simd import (
-    PATTERN,
     W,
     above,
     both,
@@ -35,30 +35,10 @@ from pdfem_mpi.kernels.simd import (
     root,
     splat,
     store,
-)
+)  # fmt: skip
 
 #: Rows of the table.
 ROWS = 27
-#: Moments a point.
-N = 10
-#: Exponents of x, y and z of the ten monomials.
-MONOMIALS = np.array([(a, b, 3 - a - b) for a in range(3, -1, -1) for b in range(3 - a, -1, -1)])
-#: How often each occurs in a symmetric tensor of rank 3.
-MULTIPLICITY = np.array([1.0, 3.0, 3.0, 3.0, 6.0, 3.0, 1.0, 3.0, 3.0, 1.0])
-def _place(exponents):
-    """Place of a product of two monomials among the sums of `add_blocks`, ten of each part."""
-    if max(exponents) < 3:
-        return N
-    part = next(d for d in range(3) if exponents[d] >= 3)
-    rest = tuple(e - 3 * (d == part) for d, e in enumerate(exponents))
-    return N * part + MONOMIALS.tolist().index(list(rest))
-
-
-#: Place of each entry of a point's block among those sums, and how often the entry counts.
-BLOCK_ENTRIES = np.array([[_place(tuple((a + b).tolist())) for b in MONOMIALS] for a in MONOMIALS])
-BLOCK_SCALES = np.sqrt(np.outer(MULTIPLICITY, MULTIPLICITY))
-#: Pivots below this fraction of the largest entry have no stiffness.
-SOFTEST = 1e-9
 #: Smallest squared length of a bond; slots without a bond may have none at all.
 TINY = 1e-12
 
@@ -349,177 +329,11 @@ def write_factors(row_start, row_offset, row_data, T, finite, bounded, nearest, 
     return held
 
 
-@njit(**_options)
-def invert_blocks(sums, pinned, inverse):
-    """Inverse of every point's block of the operator, by Cholesky's method.
-
-    Parameters
-    ----------
-    sums : float64, shape (n_points, 30)
-        Sums of `add_blocks`, part by part.
-    pinned : float64, shape (n_points,)
-        Added to the diagonal.
-    inverse : float32, shape (n_points, 55)
-        Lower triangle, row by row; overwritten. A pivot without stiffness leaves its row and column 0.
-    """
-    L = np.empty((N, N))
-    for p in range(sums.shape[0]):
-        for a in range(N):
-            for b in range(a + 1):
-                L[a, b] = sums[p, BLOCK_ENTRIES[a, b]] * BLOCK_SCALES[a, b]
-            L[a, a] += pinned[p]
-        scale = 0.0
-        for a in range(N):
-            scale = max(scale, L[a, a])
-        for a in range(N):  # factor, and its inverse in place
-            pivot = L[a, a]
-            for b in range(a):
-                pivot -= L[a, b] * L[a, b]
-            soft = not pivot > SOFTEST * scale
-            L[a, a] = 0.0 if soft else math.sqrt(pivot)
-            for r in range(a + 1, N):
-                value = L[r, a]
-                for b in range(a):
-                    value -= L[r, b] * L[a, b]
-                L[r, a] = 0.0 if soft else value / L[a, a]
-        for a in range(N):
-            L[a, a] = 1.0 / L[a, a] if L[a, a] > 0.0 else 0.0
-            for b in range(a):
-                value = 0.0
-                for k in range(b, a):
-                    value -= L[a, k] * L[k, b]
-                L[a, b] = value * L[a, a]
-        place = 0
-        for a in range(N):
-            for b in range(a + 1):
-                value = 0.0
-                for k in range(a, N):
-                    value += L[k, a] * L[k, b]
-                inverse[p, place] = value
-                place += 1
-
-
-@njit(**_options)
-def multiply_blocks(inverse, r, z):
-    """``z = B^-1 r`` for every point.
-
-    Parameters
-    ----------
-    inverse : float32, shape (n_points, 55)
-    r, z : float64, shape (n_points * 10,)
-        In cluster layout ``[cluster][10][4]``; ``z`` is overwritten.
-    """
-    for p in range(inverse.shape[0]):
-        base = N * W * (p // W) + p % W
-        for a in range(N):
-            z[base + W * a] = 0.0
-        place = 0
-        for a in range(N):
-            value = 0.0
-            ra = r[base + W * a]
-            for b in range(a):
-                e = np.float64(inverse[p, place])
-                value += e * r[base + W * b]
-                z[base + W * b] += e * ra
-                place += 1
-            z[base + W * a] += value + np.float64(inverse[p, place]) * ra
-            place += 1
-
-
-@njit(inline="always")
-def _weights(x, p, lower, inverse_h, counts, weights):
-    """Element of point p as its lowest node, and the triquadratic weights of its nodes by axis."""
-    node = 0
-    base = 3 * W * (p // W) + p % W
-    for d in range(3):
-        scaled = (x[base + W * d] - lower[d]) * inverse_h[d]
-        cell = min(max(np.int64(math.floor(scaled)), 0), counts[d] - 1)
-        xi = scaled - cell
-        node = node * (2 * counts[d] + 1) + 2 * cell
-        weights[d, 0] = (1.0 - xi) * (1.0 - 2.0 * xi)
-        weights[d, 1] = 4.0 * xi * (1.0 - xi)
-        weights[d, 2] = xi * (2.0 * xi - 1.0)
-    return node
-
-
-@njit(**_options)
-def restrict_moments(n_points, x, lower, inverse_h, counts, number, r, quantum, coarse):
-    """Add ``T^t r`` to the nodes of a background grid of triquadratic elements, each term rounded to the quantum.
-
-    Parameters
-    ----------
-    n_points : int
-    x : float64, shape (>= n_points * 3,), dimension length
-        Cluster layout.
-    lower, inverse_h : float64, shape (3,)
-        Corner of the grid and elements per length.
-    counts : int64, shape (3,)
-        Elements along the axes.
-    number : int64, shape (n_grid_nodes,)
-        Numbers of the grid's nodes.
-    r : float64, shape (n_points * 10,)
-    quantum : float
-        Power of two; a term must stay below ``2**51`` quanta, a sum below ``2**62``.
-    coarse : int64, shape (n_nodes, 10)
-        Added to.
-    """
-    # the bits of a number beside M, less those of M, count its quanta
-    M = PATTERN * quantum
-    terms = np.full(N, M)
-    bits = terms.view(np.int64)
-    of_M = bits[0]
-    weights = np.empty((3, 3))
-    own = np.empty(N)
-    for p in range(n_points):
-        node = _weights(x, p, lower, inverse_h, counts, weights)
-        base = N * W * (p // W) + p % W
-        for d in range(N):
-            own[d] = r[base + W * d]
-        for a in range(3):
-            for b in range(3):
-                of_line = node + (a * (2 * counts[1] + 1) + b) * (2 * counts[2] + 1)
-                weight = weights[0, a] * weights[1, b]
-                for c in range(3):
-                    to = number[of_line + c]
-                    w = weight * weights[2, c]
-                    for d in range(N):
-                        terms[d] = w * own[d] + M
-                    for d in range(N):
-                        coarse[to, d] += bits[d] - of_M
-
-
-@njit(**_options)
-def interpolate_moments(n_points, x, lower, inverse_h, counts, number, coarse, z):
-    """Add ``T coarse`` to ``z``; parameters as in `restrict_moments`, ``coarse`` float64."""
-    weights = np.empty((3, 3))
-    own = np.empty(N)
-    for p in range(n_points):
-        node = _weights(x, p, lower, inverse_h, counts, weights)
-        base = N * W * (p // W) + p % W
-        own[:] = 0.0
-        for a in range(3):
-            for b in range(3):
-                of_line = node + (a * (2 * counts[1] + 1) + b) * (2 * counts[2] + 1)
-                weight = weights[0, a] * weights[1, b]
-                for c in range(3):
-                    of_node = number[of_line + c]
-                    w = weight * weights[2, c]
-                    for d in range(N):
-                        own[d] += w * coarse[of_node, d]
-        for d in range(N):
-            z[base + W * d] += own[d]
-
-
-_f8, _i8, _f4, _real, _flag = types.float64[::1], types.int64[::1], types.float32[::1], types.float64, types.boolean
-_rows = (_i8, types.uint32[::1], _f4)
-_grid = (types.int64, _f8, _f8, _f8, _i8, _i8)
+_f8, _i8, _real, _flag = types.float64[::1], types.int64[::1], types.float64, types.boolean
+_rows = (_i8, types.uint32[::1], types.float32[::1])
 SIGNATURES = {
     add_normal_products: types.void(*_rows, _f8, _i8, _real, _flag, _real, _real),
     add_moments: types.void(*_rows, _f8, _i8, _real, _flag, _flag, _f8),
     add_blocks: types.void(*_rows, _f8, _i8, _real, _flag, _real, _real, types.int64),
     write_factors: types.int64(*_rows, _f8, _flag, _flag, _real, _f8),
-    invert_blocks: types.void(types.float64[:, ::1], _f8, types.float32[:, ::1]),
-    multiply_blocks: types.void(types.float32[:, ::1], _f8, _f8),
-    restrict_moments: types.void(*_grid, _f8, _real, types.int64[:, ::1]),
-    interpolate_moments: types.void(*_grid, types.float64[:, ::1], _f8),
 }

@@ -29,6 +29,21 @@ for each single bond (integers wrap harmlessly in between). The rounding error o
 import numpy as np
 from numba import njit, types
 
+from pdfem_mpi.kernels.bond_response import (
+    ONE,
+    STEP,
+    V1,
+    V2,
+    V3,
+    V4,
+    V5,
+    V6,
+    V7,
+    V8,
+    response_by_series,
+    response_in_closed_form,
+    u8,
+)  # fmt: skip
 from pdfem_mpi.kernels.simd import (
     W,
     above,
@@ -44,53 +59,12 @@ from pdfem_mpi.kernels.simd import (
     largest,
     load,
     magnitude,
-    root,
     smallest,
     splat,
     store,
 )  # fmt: skip
 
-#: Coefficients of ``phi / e = 1/2 - 3/8 e + ...``
-SERIES = (1 / 2, -3 / 8, 5 / 16, -35 / 128, 63 / 256)
-#: Largest ``|e|`` for which the series is used.
-SERIES_LIMIT = 2.0**-5
-#: ``1 + e`` of a bond compressed to nothing is held at this value (a thousandth of its length).
-SMALLEST_SQUARE = 1e-6
-
-u8 = np.uint64
-_0, _1, _STEP = u8(0), u8(1), u8(2 * W)
-_V1, _V2, _V3, _V4, _V5, _V6, _V7, _V8 = (u8(W * k) for k in range(1, 9))
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
-
-
-def constants(pattern):
-    """Numbers the sweeps read as full vectors: five coefficients, ``M``, 1 and the smallest square.
-
-    Parameters
-    ----------
-    pattern : float
-        ``M = 1.5 * 2**52 * quantum``.
-
-    Returns
-    -------
-    float64, shape (32,)
-    """
-    return np.repeat(np.array((*SERIES, pattern, 1.0, SMALLEST_SQUARE)), W)
-
-
-@njit(inline="always")
-def _series(k, e, table):
-    """``K phi(e)`` by its series; ``K e`` is formed while the series is summed."""
-    e2 = e * e
-    high = fma(e2, load(table, _V4), fma(load(table, _V3), e, load(table, _V2)))
-    return (k * e) * fma(e2, high, fma(load(table, _V1), e, load(table, _0)))
-
-
-@njit(inline="always")
-def _closed(k, e, table):
-    """``K phi(e)`` in closed form, for large stretch and compression."""
-    square = largest(load(table, _V6) + e, load(table, _V7))
-    return k * ((square - load(table, _V6)) / (square + root(square)))
 
 
 def _finite_sweep(closed, failing):
@@ -165,45 +139,45 @@ def _finite_sweep(closed, failing):
             top = zero
             # e of the first row; later the e of the next row is computed while this row's force is scattered
             b = u8(row_offset[r])
-            o = r * _STEP
+            o = r * STEP
             dx = load(S, b) - ux
-            gx = load(S, b + _V3) - zx
-            dy = load(S, b + _V1) - uy
-            gy = load(S, b + _V4) - zy
-            dz = load(S, b + _V2) - uz
-            gz = load(S, b + _V5) - zz
-            e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + _V1)
+            gx = load(S, b + V3) - zx
+            dy = load(S, b + V1) - uy
+            gy = load(S, b + V4) - zy
+            dz = load(S, b + V2) - uz
+            gz = load(S, b + V5) - zz
+            e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + V1)
             gx = gx + dx
             gy = gy + dy
             gz = gz + dz
             while r < end:
-                r += _1  # past the last row this reads harmless numbers, hence one padding row
+                r += ONE  # past the last row this reads harmless numbers, hence one padding row
                 b_next = u8(row_offset[r])
-                o_next = o + _STEP
+                o_next = o + STEP
                 dx = load(S, b_next) - ux
-                hx = load(S, b_next + _V3) - zx
-                dy = load(S, b_next + _V1) - uy
-                hy = load(S, b_next + _V4) - zy
-                dz = load(S, b_next + _V2) - uz
-                hz = load(S, b_next + _V5) - zz
-                e_next = fma(dx, hx, fma(dy, hy, dz * hz)) * load(row_data, o_next + _V1)
+                hx = load(S, b_next + V3) - zx
+                dy = load(S, b_next + V1) - uy
+                hy = load(S, b_next + V4) - zy
+                dz = load(S, b_next + V2) - uz
+                hz = load(S, b_next + V5) - zz
+                e_next = fma(dx, hx, fma(dy, hy, dz * hz)) * load(row_data, o_next + V1)
                 hx = hx + dx
                 hy = hy + dy
                 hz = hz + dz
                 top = largest(e, top)
                 floor = smallest(e, floor)
                 k = load(row_data, o)
-                f = _closed(k, e, table) if closed else _series(k, e, table)
-                M = load(table, _V5)
+                f = response_in_closed_form(k, e, table) if closed else response_by_series(k, e, table)
+                M = load(table, V5)
                 px = fma(f, gx, M)
                 py = fma(f, gy, M)
                 pz = fma(f, gz, M)
                 fx = iadd(fx, px)
                 fy = iadd(fy, py)
                 fz = iadd(fz, pz)
-                store(S, b + _V6, isub(load(S, b + _V6), px))
-                store(S, b + _V7, isub(load(S, b + _V7), py))
-                store(S, b + _V8, isub(load(S, b + _V8), pz))
+                store(S, b + V6, isub(load(S, b + V6), px))
+                store(S, b + V7, isub(load(S, b + V7), py))
+                store(S, b + V8, isub(load(S, b + V8), pz))
                 e = e_next
                 gx = hx
                 gy = hy
@@ -215,30 +189,31 @@ def _finite_sweep(closed, failing):
                 top = zero
                 for row in range(u8(row_start[i]), end):
                     b = u8(row_offset[row])
-                    o = u8(row) * _STEP
+                    o = u8(row) * STEP
                     dx = load(S, b) - ux
-                    dy = load(S, b + _V1) - uy
-                    dz = load(S, b + _V2) - uz
-                    gx = load(S, b + _V3) - zx
-                    gy = load(S, b + _V4) - zy
-                    gz = load(S, b + _V5) - zz
-                    e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + _V1)
+                    dy = load(S, b + V1) - uy
+                    dz = load(S, b + V2) - uz
+                    gx = load(S, b + V3) - zx
+                    gy = load(S, b + V4) - zy
+                    gz = load(S, b + V5) - zz
+                    e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + V1)
                     broken = above(e, splat(critical[class_of[c], class_of[b // u8(9 * W)]]))
                     if lanes(broken) == 0:
                         top = largest(e, top)
                         continue
-                    M = load(table, _V5)
+                    M = load(table, V5)
                     k = load(row_data, o)
-                    f = both(_closed(k, e, table) if closed else _series(k, e, table), broken)
+                    f = response_in_closed_form(k, e, table) if closed else response_by_series(k, e, table)
+                    f = both(f, broken)
                     px = isub(fma(f, gx + dx, M), M)
                     py = isub(fma(f, gy + dy, M), M)
                     pz = isub(fma(f, gz + dz, M), M)
                     fx = isub(fx, px)
                     fy = isub(fy, py)
                     fz = isub(fz, pz)
-                    store(S, b + _V6, iadd(load(S, b + _V6), px))
-                    store(S, b + _V7, iadd(load(S, b + _V7), py))
-                    store(S, b + _V8, iadd(load(S, b + _V8), pz))
+                    store(S, b + V6, iadd(load(S, b + V6), px))
+                    store(S, b + V7, iadd(load(S, b + V7), py))
+                    store(S, b + V8, iadd(load(S, b + V8), pz))
                     top = largest(isub(e, both(e, broken)), top)  # e of the intact lanes, 0 on the broken
                     for lane in range(W):
                         if (lanes(broken) >> lane) & 1 and row_data[o + u8(lane)] != 0:
@@ -308,39 +283,39 @@ def _linear_sweep(failing):
             limit = splat(trigger[class_of[c]]) if failing else zero
             excess = zero
             b = u8(row_offset[r])
-            gx = load(S, b + _V3) - zx
-            gy = load(S, b + _V4) - zy
-            gz = load(S, b + _V5) - zz
-            k = load(row_data, r * _V1)
-            f = fma(load(S, b) - ux, gx, fma(load(S, b + _V1) - uy, gy, (load(S, b + _V2) - uz) * gz))
+            gx = load(S, b + V3) - zx
+            gy = load(S, b + V4) - zy
+            gz = load(S, b + V5) - zz
+            k = load(row_data, r * V1)
+            f = fma(load(S, b) - ux, gx, fma(load(S, b + V1) - uy, gy, (load(S, b + V2) - uz) * gz))
             f = f * k
             while r < end:
-                r += _1  # past the last row this reads harmless numbers, hence one padding row
+                r += ONE  # past the last row this reads harmless numbers, hence one padding row
                 b_next = u8(row_offset[r])
-                hx = load(S, b_next + _V3) - zx
-                hy = load(S, b_next + _V4) - zy
-                hz = load(S, b_next + _V5) - zz
-                k_next = load(row_data, r * _V1)
+                hx = load(S, b_next + V3) - zx
+                hy = load(S, b_next + V4) - zy
+                hz = load(S, b_next + V5) - zz
+                k_next = load(row_data, r * V1)
                 f_next = fma(
                     load(S, b_next) - ux,
                     hx,
-                    fma(load(S, b_next + _V1) - uy, hy, (load(S, b_next + _V2) - uz) * hz),
+                    fma(load(S, b_next + V1) - uy, hy, (load(S, b_next + V2) - uz) * hz),
                 )
                 f_next = f_next * k_next
                 peak = largest(magnitude(f), peak)
                 if failing:
                     excess = largest(fnma(limit, k * fma(gx, gx, fma(gy, gy, gz * gz)), f), excess)
                     k = k_next
-                M = load(table, _V5)
+                M = load(table, V5)
                 px = fma(f, gx, M)
                 py = fma(f, gy, M)
                 pz = fma(f, gz, M)
                 fx = iadd(fx, px)
                 fy = iadd(fy, py)
                 fz = iadd(fz, pz)
-                store(S, b + _V6, isub(load(S, b + _V6), px))
-                store(S, b + _V7, isub(load(S, b + _V7), py))
-                store(S, b + _V8, isub(load(S, b + _V8), pz))
+                store(S, b + V6, isub(load(S, b + V6), px))
+                store(S, b + V7, isub(load(S, b + V7), py))
+                store(S, b + V8, isub(load(S, b + V8), pz))
                 f = f_next
                 gx = hx
                 gy = hy
@@ -350,18 +325,18 @@ def _linear_sweep(failing):
                 # rare: some bond of this point may have passed its critical stretch
                 for row in range(u8(row_start[i]), end):
                     b = u8(row_offset[row])
-                    o = u8(row) * _V1
+                    o = u8(row) * V1
                     k = load(row_data, o)
-                    gx = load(S, b + _V3) - zx
-                    gy = load(S, b + _V4) - zy
-                    gz = load(S, b + _V5) - zz
-                    f = fma(load(S, b) - ux, gx, fma(load(S, b + _V1) - uy, gy, (load(S, b + _V2) - uz) * gz))
+                    gx = load(S, b + V3) - zx
+                    gy = load(S, b + V4) - zy
+                    gz = load(S, b + V5) - zz
+                    f = fma(load(S, b) - ux, gx, fma(load(S, b + V1) - uy, gy, (load(S, b + V2) - uz) * gz))
                     f = f * k
                     limit = splat(critical[class_of[c], class_of[b // u8(9 * W)]])
                     broken = above(fnma(limit, k * fma(gx, gx, fma(gy, gy, gz * gz)), f), zero)
                     if lanes(broken) == 0:
                         continue
-                    M = load(table, _V5)
+                    M = load(table, V5)
                     f = both(f, broken)
                     px = isub(fma(f, gx, M), M)
                     py = isub(fma(f, gy, M), M)
@@ -369,9 +344,9 @@ def _linear_sweep(failing):
                     fx = isub(fx, px)
                     fy = isub(fy, py)
                     fz = isub(fz, pz)
-                    store(S, b + _V6, iadd(load(S, b + _V6), px))
-                    store(S, b + _V7, iadd(load(S, b + _V7), py))
-                    store(S, b + _V8, iadd(load(S, b + _V8), pz))
+                    store(S, b + V6, iadd(load(S, b + V6), px))
+                    store(S, b + V7, iadd(load(S, b + V7), py))
+                    store(S, b + V8, iadd(load(S, b + V8), pz))
                     for lane in range(W):
                         if (lanes(broken) >> lane) & 1:
                             pairs[count, 0] = i
@@ -400,86 +375,7 @@ SWEEPS = {
     (False, False, False): add_forces_linear,
     (False, False, True): add_forces_linear_failing,
 }
-
-
-def _tangent_sweep(closed):
-    """Build the sweep of the tangent, with ``phi`` in closed form or as a series."""
-
-    @njit(**_options)
-    def add_tangent_forces(first, last, row_start, row_offset, row_data, S, SI, table, extremes):
-        """Add the change of the finite bond forces for a small change ``v`` of the displacements.
-
-        With ``y`` the deformed bond, ``|y|^2 / r0^2 = 1 + e`` and ``phi`` as above, the derivative of ``2 K phi y`` is
-        ``2 K [phi v + (1 - phi)^3 / r0^2 (y . v) y]``.
-
-        Parameters are those of the finite sweep up to ``extremes``, with ``v`` in rows 0-2 of the table, deformed
-        positions in rows 3-5, and ``extremes[0]`` the largest component of a bond's force, dimension force.
-
-        Returns
-        -------
-        int
-            ``last``.
-        """
-        zero = splat(0.0)
-        peak = splat(extremes[0])
-        for i in range(first, last):
-            r = u8(row_start[i])
-            end = u8(row_start[i + 1])
-            if end <= r:
-                continue
-            c = i // W
-            own = c * 9 * W + (i - c * W)
-            ux = splat(S[own])
-            uy = splat(S[own + W])
-            uz = splat(S[own + 2 * W])
-            zx = splat(S[own + 3 * W])
-            zy = splat(S[own + 4 * W])
-            zz = splat(S[own + 5 * W])
-            fx = zero
-            fy = zero
-            fz = zero
-            while r < end:
-                b = u8(row_offset[r])
-                o = r * _STEP
-                r += _1
-                vx = load(S, b) - ux
-                vy = load(S, b + _V1) - uy
-                vz = load(S, b + _V2) - uz
-                yx = load(S, b + _V3) - zx
-                yy = load(S, b + _V4) - zy
-                yz = load(S, b + _V5) - zz
-                inverse = load(row_data, o + _V1)
-                one = load(table, _V6)
-                e = fma(yx, yx, fma(yy, yy, yz * yz)) * inverse - one
-                phi = _closed(one, e, table) if closed else _series(one, e, table)
-                k = load(row_data, o)
-                k = k + k
-                shrink = one - phi
-                along = (k * inverse) * (shrink * shrink * shrink) * fma(yx, vx, fma(yy, vy, yz * vz))
-                across = k * phi
-                M = load(table, _V5)
-                px = fma(across, vx, fma(along, yx, M))
-                py = fma(across, vy, fma(along, yy, M))
-                pz = fma(across, vz, fma(along, yz, M))
-                peak = largest(magnitude(px - M), largest(magnitude(py - M), largest(magnitude(pz - M), peak)))
-                fx = iadd(fx, px)
-                fy = iadd(fy, py)
-                fz = iadd(fz, pz)
-                store(S, b + _V6, isub(load(S, b + _V6), px))
-                store(S, b + _V7, isub(load(S, b + _V7), py))
-                store(S, b + _V8, isub(load(S, b + _V8), pz))
-            SI[own + 6 * W] += ihsum(fx)
-            SI[own + 7 * W] += ihsum(fy)
-            SI[own + 8 * W] += ihsum(fz)
-        extremes[0] = hmax(peak)
-        return last
-
-    return add_tangent_forces
-
-
-add_tangent_series = _tangent_sweep(closed=False)
-add_tangent_closed = _tangent_sweep(closed=True)
-#: What to call the sweeps: their functions share two names.
+#: What to call the sweeps: their functions share a name.
 NAMES = {
     add_forces_series: "finite, series",
     add_forces_closed: "finite, closed form",
@@ -487,129 +383,10 @@ NAMES = {
     add_forces_closed_failing: "finite, closed form, breaking",
     add_forces_linear: "linear",
     add_forces_linear_failing: "linear, breaking",
-    add_tangent_series: "tangent, series",
-    add_tangent_closed: "tangent, closed form",
 }
 
-
-@njit(**_options)
-def load_displacements(u, x, S, n_clusters, finite):
-    """Write ``u`` into rows 0-2 of the first clusters and, for finite kinematics, ``z = 2 x + u`` into rows 3-5.
-
-    Parameters
-    ----------
-    u : float64, shape (n_clusters * 12,), dimension length
-        Cluster layout.
-    x : float64, shape (>= n_clusters * 12,), dimension length
-    S : float64, shape (>= n_clusters * 36,)
-    """
-    for c in range(n_clusters):
-        for k in range(3 * W):
-            S[36 * c + k] = u[12 * c + k]
-        if finite:
-            for k in range(3 * W):
-                S[36 * c + 12 + k] = 2.0 * x[12 * c + k] + u[12 * c + k]
-
-
-@njit(**_options)
-def complete_z(first, last, x, S):
-    """``z = 2 x + u`` for the clusters ``first:last`` whose ``u`` came from elsewhere (overlap, ghosts)."""
-    for c in range(first, last):
-        for k in range(3 * W):
-            S[36 * c + 12 + k] = 2.0 * x[12 * c + k] + S[36 * c + k]
-
-
-@njit(**_options)
-def reset_forces(SI, excess, pattern_bits):
-    """Start the integer forces so that after the sweeps they are multiples of the quantum.
-
-    A row adds ``bits(M)`` four times to its point and takes it once from each point of its cluster; the start value
-    takes these patterns back.
-
-    Parameters
-    ----------
-    SI : int64, shape (n_clusters * 36,)
-        Rows 6-8 are overwritten.
-    excess : int64, shape (n_clusters * 4,)
-        Patterns added minus patterns taken, by point.
-    pattern_bits : int
-        ``bits(M)``.
-    """
-    for c in range(excess.size // W):
-        for d in range(6, 9):
-            for k in range(W):
-                SI[36 * c + W * d + k] = -excess[W * c + k] * pattern_bits
-
-
-@njit(**_options)
-def read_forces(SI, quantum, external, force):
-    """Residual force of the first clusters, ``external + quantum * integers`` (eq. 14, times the volumes).
-
-    Parameters
-    ----------
-    SI : int64, shape (n_clusters * 36,)
-    quantum : float, dimension force
-    external, force : float64, shape (n_free_clusters * 12,), dimension force
-        Cluster layout; ``force`` is overwritten.
-    """
-    for c in range(force.size // 12):
-        for k in range(3 * W):
-            force[12 * c + k] = external[12 * c + k] + quantum * SI[36 * c + 24 + k]
-
-
-@njit(**_options)
-def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite):
-    """Add each bond's share of the fictitious mass (eq. 11, with g_ij in it) to both points.
-
-    Component d of a point receives ``1/2 c exp(-r0^2) g_ij w_i w_j |n_d| / r0`` from each of its bonds; the largest of
-    the three sums is ``lambda_i w_i``.
-
-    Parameters
-    ----------
-    row_start, row_offset, row_data
-        Rows as in the sweeps.
-    S, SI : float64, int64, shape (n_clusters * 36,)
-        Positions in rows 3-5; patterns are added to rows 6-8.
-    pattern : float
-        ``M``; each term must stay below ``2**51`` quanta.
-    finite : bool
-    """
-    M = splat(pattern)
-    half = splat(0.5)
-    stride = 2 * W if finite else W
-    for i in range(row_start.size - 1):
-        c = i // W
-        own = c * 9 * W + (i - c * W)
-        sx = splat(0.0)
-        sy = splat(0.0)
-        sz = splat(0.0)
-        for row in range(row_start[i], row_start[i + 1]):
-            b = np.int64(row_offset[row])
-            dx = magnitude(load(S, b + 3 * W) - splat(S[own + 3 * W]))
-            dy = magnitude(load(S, b + 4 * W) - splat(S[own + 4 * W]))
-            dz = magnitude(load(S, b + 5 * W) - splat(S[own + 5 * W]))
-            k = magnitude(load(row_data, row * stride))  # fitted factors may be negative
-            if finite:
-                k = k * root(load(row_data, row * stride + W))
-            else:
-                k = half * k * root(fma(dx, dx, fma(dy, dy, dz * dz)))
-            px = fma(k, dx, M)
-            py = fma(k, dy, M)
-            pz = fma(k, dz, M)
-            sx = iadd(sx, px)
-            sy = iadd(sy, py)
-            sz = iadd(sz, pz)
-            store(S, b + 6 * W, iadd(load(S, b + 6 * W), px))
-            store(S, b + 7 * W, iadd(load(S, b + 7 * W), py))
-            store(S, b + 8 * W, iadd(load(S, b + 8 * W), pz))
-        SI[own + 6 * W] += ihsum(sx)
-        SI[own + 7 * W] += ihsum(sy)
-        SI[own + 8 * W] += ihsum(sz)
-
-
-_f8, _i8, _int, _real = types.float64[::1], types.int64[::1], types.int64, types.float64
+_f8, _i8, _int = types.float64[::1], types.int64[::1], types.int64
 _rows = (_i8, types.uint32[::1], types.float32[::1])
-_tangent = _int(_int, _int, *_rows, _f8, _i8, _f8, _f8)
 _records = (types.int64[:, ::1], types.float32[:, ::1], _i8)
 _sweep = _int(
     _int, _int, *_rows, _f8, _i8, _f8, _f8, types.uint8[::1], _f8, types.float64[:, ::1], *_records
@@ -621,11 +398,4 @@ SIGNATURES = {
     add_forces_closed_failing: _sweep,
     add_forces_linear: _sweep,
     add_forces_linear_failing: _sweep,
-    add_tangent_series: _tangent,
-    add_tangent_closed: _tangent,
-    load_displacements: types.void(_f8, _f8, _f8, _int, types.boolean),
-    complete_z: types.void(_int, _int, _f8, _f8),
-    reset_forces: types.void(_i8, _i8, _int),
-    read_forces: types.void(_i8, _real, _f8, _f8),
-    add_densities: types.void(*_rows, _f8, _i8, _real, types.boolean),
 }

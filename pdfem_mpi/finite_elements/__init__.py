@@ -1,0 +1,1 @@
+"""Elements: nodes, stiffness, forces, the overlap."""

@@ -1,0 +1,81 @@
+"""Displacements into the table of the points, and forces out of it; the table is that of `bond_forces`."""
+
+from numba import njit, types
+
+from pdfem_mpi.kernels.simd import W
+
+_options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
+
+
+@njit(**_options)
+def load_displacements(u, x, S, n_clusters, finite):
+    """Write ``u`` into rows 0-2 of the first clusters and, for finite kinematics, ``z = 2 x + u`` into rows 3-5.
+
+    Parameters
+    ----------
+    u : float64, shape (n_clusters * 12,), dimension length
+        Cluster layout.
+    x : float64, shape (>= n_clusters * 12,), dimension length
+    S : float64, shape (>= n_clusters * 36,)
+    """
+    for c in range(n_clusters):
+        for k in range(3 * W):
+            S[36 * c + k] = u[12 * c + k]
+        if finite:
+            for k in range(3 * W):
+                S[36 * c + 12 + k] = 2.0 * x[12 * c + k] + u[12 * c + k]
+
+
+@njit(**_options)
+def complete_z(first, last, x, S):
+    """``z = 2 x + u`` for the clusters ``first:last`` whose ``u`` came from elsewhere (overlap, ghosts)."""
+    for c in range(first, last):
+        for k in range(3 * W):
+            S[36 * c + 12 + k] = 2.0 * x[12 * c + k] + S[36 * c + k]
+
+
+@njit(**_options)
+def reset_forces(SI, excess, pattern_bits):
+    """Start the integer forces so that after the sweeps they are multiples of the quantum.
+
+    A row adds ``bits(M)`` four times to its point and takes it once from each point of its cluster; the start value
+    takes these patterns back.
+
+    Parameters
+    ----------
+    SI : int64, shape (n_clusters * 36,)
+        Rows 6-8 are overwritten.
+    excess : int64, shape (n_clusters * 4,)
+        Patterns added minus patterns taken, by point.
+    pattern_bits : int
+        ``bits(M)``.
+    """
+    for c in range(excess.size // W):
+        for d in range(6, 9):
+            for k in range(W):
+                SI[36 * c + W * d + k] = -excess[W * c + k] * pattern_bits
+
+
+@njit(**_options)
+def read_forces(SI, quantum, external, force):
+    """Residual force of the first clusters, ``external + quantum * integers`` (eq. 14, times the volumes).
+
+    Parameters
+    ----------
+    SI : int64, shape (n_clusters * 36,)
+    quantum : float, dimension force
+    external, force : float64, shape (n_free_clusters * 12,), dimension force
+        Cluster layout; ``force`` is overwritten.
+    """
+    for c in range(force.size // 12):
+        for k in range(3 * W):
+            force[12 * c + k] = external[12 * c + k] + quantum * SI[36 * c + 24 + k]
+
+
+_f8, _i8, _int = types.float64[::1], types.int64[::1], types.int64
+SIGNATURES = {
+    load_displacements: types.void(_f8, _f8, _f8, _int, types.boolean),
+    complete_z: types.void(_int, _int, _f8, _f8),
+    reset_forces: types.void(_i8, _i8, _int),
+    read_forces: types.void(_i8, types.float64, _f8, _f8),
+}

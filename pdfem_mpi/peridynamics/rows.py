@@ -1,0 +1,77 @@
+"""Rows: a point against a cluster of four, as half of a list of neighbours; their search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.kernels import families
+from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.peridynamics.points import Points
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Half-list rows: one point against one cluster of four points (see kernels/families.py)."""
+
+    start: np.ndarray
+    offset: np.ndarray
+    data: np.ndarray
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What the kernels take."""
+        return self.start, self.offset, self.data
+
+
+def find_bonds(points: Points, cutoff: float, finite: bool) -> tuple[Rows, Rows]:
+    """Search the families of the owned points and allocate their rows, counted first.
+
+    Without ghosts and images nothing is searched among them.
+
+    Returns
+    -------
+    interior, boundary : Rows
+        With offsets, and stored numbers still 0.
+    """
+    n_clusters = points.n_clusters
+    centre, radius = np.empty((n_clusters, 3)), np.empty(n_clusters)
+    families.cluster_balls(points.x, centre, radius)
+    lower = centre.min(axis=0) if n_clusters else np.zeros(3)
+    extent = (centre.max(axis=0) if n_clusters else np.zeros(3)) - lower
+    bin_size = max(0.5 * cutoff, float((max(np.prod(np.maximum(extent, cutoff)), 1e-300) / 2**22) ** (1 / 3)))
+    bins = (extent / bin_size).astype(np.int64) + 1
+    place = np.minimum(((centre - lower) / bin_size).astype(np.int64), bins - 1)
+    flat = (place[:, 2] * bins[1] + place[:, 1]) * bins[0] + place[:, 0]
+    bin_index = np.argsort(flat, kind="stable")
+    bin_start = np.searchsorted(flat[bin_index], np.arange(int(bins.prod()) + 1))
+
+    n_owned = 2 * points.n_owned
+    found = []
+    for ghosts in (False, True):
+        if ghosts and n_clusters == n_owned:
+            start, offset = np.zeros(1, np.int64), np.zeros(1, np.uint32)
+            found.append(Rows(start, offset, np.zeros(2 * W if finite else W, np.float32)))
+            break
+        start = np.zeros(W * n_owned + 1, np.int64)
+        search = (
+            0, n_owned, points.x, n_owned, ghosts, points.cell_number, centre, radius, cutoff,
+            lower, bin_size, bins, bin_start, bin_index, start,
+        )  # fmt: skip
+        candidates = np.empty(n_clusters, np.int64)
+        families.find_rows(*search, np.empty(0, np.uint32), candidates)
+        offset = np.zeros(int(start[-1]) + 1, np.uint32)  # one padding row: the sweeps read one row ahead
+        families.find_rows(*search, offset, candidates)
+        found.append(Rows(start, offset, np.zeros(len(offset) * (2 * W if finite else W), np.float32)))
+    return tuple(found)
+
+
+def within_bodies(points: Points, rows: Rows, finite: bool) -> Rows:
+    """The rows of points against clusters of their own body."""
+    n = np.diff(rows.start)
+    own, other = np.repeat(np.arange(len(n)) // (2 * W), n), rows.offset[:-1] // np.uint32(2 * 9 * W)
+    keep = points.body[own] == points.body[other]
+    start = np.concatenate([[0], np.cumsum(keep)])[rows.start]
+    offset = np.append(rows.offset[:-1][keep], np.uint32(0))
+    return Rows(start, offset, np.zeros(len(offset) * (2 * W if finite else W), np.float32))

@@ -1,0 +1,83 @@
+"""Levels of the coarse grid: factors of its stiffness, and a symmetric cycle over nested grids."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+#: Damping and number of Jacobi steps before and after each correction of a multigrid cycle.
+DAMPING, SMOOTHINGS = 0.5, 2
+
+
+@dataclass(frozen=True)
+class Factor:
+    """Cholesky factor of a banded matrix.
+
+    Attributes
+    ----------
+    entries : float64, shape (half_band + 1, n_unknowns)
+        Diagonals of the lower triangle.
+    order : int64, shape (n_unknowns,)
+        Unknowns in the order of the factor, the longest axis of the grid outermost.
+    """
+
+    entries: np.ndarray
+    order: np.ndarray
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Solution for one right-hand side, both of shape (n_unknowns,)."""
+        x = np.empty_like(right)
+        x[self.order] = cho_solve_banded(
+            (self.entries, True), right[self.order], overwrite_b=True, check_finite=False
+        )
+        return x
+
+
+@dataclass(frozen=True)
+class Level:
+    """A grid of the cycle: its stiffness and the way to the next coarser one, or, on the last, its factors."""
+
+    factor: Factor | None
+    matrix: sparse.csr_array | None = None
+    smoother: np.ndarray | None = None
+    prolongation: sparse.csr_array | None = None
+
+
+def solve(levels: tuple[Level, ...], right: np.ndarray) -> np.ndarray:
+    """``C^-1 right`` on the first level, directly or by one symmetric cycle; float64, shape (n_unknowns,)."""
+    level = levels[0]
+    if level.factor is not None:
+        return level.factor.solve(right)
+    x = level.smoother * right
+    for _ in range(SMOOTHINGS - 1):
+        x += level.smoother * (right - level.matrix @ x)
+    x += level.prolongation @ solve(levels[1:], level.prolongation.T @ (right - level.matrix @ x))
+    for _ in range(SMOOTHINGS):
+        x += level.smoother * (right - level.matrix @ x)
+    return x
+
+
+def factorise(matrix, number: np.ndarray, counts: np.ndarray) -> Factor:
+    """Factor of a symmetric positive matrix on a grid's nodes in use.
+
+    Parameters
+    ----------
+    matrix : sparse, shape (n_unknowns, n_unknowns)
+    number : int64, shape (n_grid_nodes,)
+        Numbers of the grid nodes in use, -1 elsewhere.
+    counts : int64, shape (3,)
+    """
+    index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1))
+    nodes = np.lexsort(index[np.argsort(counts, kind="stable")])
+    order = (3 * nodes[:, None] + np.arange(3)).reshape(-1)
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    entries = sparse.coo_array(matrix)
+    row, column = place[entries.row], place[entries.col]
+    lower = row >= column
+    band = np.zeros((int((row - column).max(initial=0)) + 1, len(order)))
+    band[(row - column)[lower], column[lower]] = entries.data[lower]
+    return Factor(cholesky_banded(band, lower=True, overwrite_ab=True, check_finite=False), order)
