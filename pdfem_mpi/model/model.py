@@ -35,6 +35,7 @@ from pdfem_mpi.peridynamics.fit.fit import BodyFit, fit_body
 from pdfem_mpi.peridynamics.fracture_energy import energy_of_own_bonds
 from pdfem_mpi.peridynamics.images import Images, MirroredHalo
 from pdfem_mpi.peridynamics.stable_masses import relaxes, stable_densities
+from pdfem_mpi.peridynamics.uneven import CONVERGED, most_uneven_point
 from pdfem_mpi.system.heap import large_arrays_together
 
 if TYPE_CHECKING:
@@ -182,6 +183,9 @@ class Model:
         Denominators of the local damage (eq. 5), where the deck asks for it.
     own_energy : float64, shape (n_materials, 3), dimension force / length, or None
         What `energy_of_own_bonds` says of the body before cracks, where bonds can break.
+    most_uneven : float64, shape (3,), dimension length, or None
+        Where the response of the corrected bonds differs most from that inside of a body, if the correction did not
+        converge.
     """
 
     comm: Intracomm
@@ -202,6 +206,7 @@ class Model:
     intact_weights: np.ndarray | None = None
     raised_masses: int = 0
     own_energy: np.ndarray | None = None
+    most_uneven: np.ndarray | None = None
 
     @property
     def finite(self) -> bool:
@@ -247,6 +252,7 @@ def build_model(
     subdomain = cut_out(discretization, owner, comm.rank)
     points = bonds = nodes = elements = overlap = body_fit = None
     remaining, cut, intact_weights, own_energy = 0.0, [], None, None
+    most_uneven = None
     if discretization.has_points.any():
         points = _make_points(discretization, subdomain, comm)
         finite = scene.kinematics == "finite"
@@ -263,6 +269,9 @@ def build_model(
                 remaining = 0.0
             elif not len(discretization.thin):  # the fit that does not serve is written over them
                 bonds, remaining = make_bonds(*settings)
+        if remaining > CONVERGED:
+            virial = correction != "appendix_a"
+            most_uneven = most_uneven_point(comm, points, discretization.materials, bonds, virial)
         if scene.peridynamics.stiffness_noise:
             bonds = perturbed(points, bonds, scene.peridynamics.stiffness_noise, scene.peridynamics.seed)
         if scene.output.damage:
@@ -293,6 +302,7 @@ def build_model(
         overlap=overlap,
         mass=mass,
         correction_remaining=remaining,
+        most_uneven=most_uneven,
         body_fit=body_fit,
         cut=tuple(cut),
         mirrors=discretization.mirrors,

@@ -48,6 +48,7 @@ from pdfem_mpi.results.log import RunLog
 from pdfem_mpi.results.ownership import RESULTS, SUMMARY
 from pdfem_mpi.results.summary import sealed, write_summary
 from pdfem_mpi.run.compilation import compile_kernels, not_compiled
+from pdfem_mpi.run.correction_notes import describe_correction
 from pdfem_mpi.run.entering import Entry
 from pdfem_mpi.run.failure_notes import criteria, describe_criterion, failure_summary
 from pdfem_mpi.run.identity import identity
@@ -361,6 +362,8 @@ class _Run:
         if discretization.mirrors:
             tell(f"mirror planes {_describe_mirrors(scene)}; forces and counts are those of this part")
         for note in model.body_fit.notes if model.body_fit else ():
+            tell(note)
+        for note in describe_correction(scene, discretization, model):
             tell(note)
         found = criteria(scene, discretization, model)
         self.failure_numbers = failure_summary(scene, discretization, failure, found)
