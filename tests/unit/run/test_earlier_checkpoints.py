@@ -1,6 +1,6 @@
 """A run folder of an earlier version, kept as it was written, is gone on with, or refused with what changed.
 
-`tests/data/run_before_may_fail` is a failing strip of elements and bonds, stopped after eleven rows by revision 857ce61,
+`tests/data/run_before_may_fail` is a failing strip of elements and bonds, stopped after eleven rows, of a version
 in which `may_fail` was true by default, also for bonds between two points of the overlap.
 """
 

@@ -76,7 +76,7 @@ def test_elements_in_finite_kinematics_are_a_key_of_their_own():
 
 @pytest.mark.parametrize(("elements", "limit"), [(0, True), (2, False), (5, True)])
 def test_regions_of_earlier_checkpoints_may_fail(elements, limit):
-    """Unset means true, the default once: in regions of peridynamics, without overlap, and where no bond has a limit."""
+    """Unset means true, the default once: in peridynamics, without overlap, and where no bond has a limit."""
     scene = make_scene((5, 2, 2), elements)
     material = Material(youngs_modulus=1000.0, critical_stretch=0.01 if limit else None)
     scene = scene.model_copy(update={"material": material})
