@@ -29,7 +29,7 @@ DIRECT = "a direct solution of the same equations, to 1e-6"
 #: Round-off grows to 1e-5 in the loads of fifty events, and decides whether one more state on the way counts as stable;
 #: the last reactions differ by 3.8e-3 then.
 LAST = 1e-2
-LAST_STATE = "as many broken bonds, last reaction to 1e-2 (a hundred events before it; round-off decides which states count)"
+LAST_STATE = "as many broken bonds, last reaction to 1e-2 (round-off decides which of a hundred states count as stable)"
 PATCH = "u = 1e-3 x everywhere, to 1e-6 (exact patch tests, docs/fitted.md)"
 
 
