@@ -26,6 +26,7 @@ from pdfem_mpi.peridynamics.fracture_energy import energy_of_own_bonds
 from pdfem_mpi.peridynamics.making_bonds import bonds_of_scene
 from pdfem_mpi.peridynamics.points import Points, make_points
 from pdfem_mpi.peridynamics.stable_masses import relaxes
+from pdfem_mpi.peridynamics.uneven import CONVERGED, most_uneven_point
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -62,6 +63,9 @@ class Model:
         Denominators of the local damage (eq. 5), where the deck asks for it.
     own_energy : float64, shape (n_materials, 3), dimension force / length, or None
         What `energy_of_own_bonds` says of the body before cracks, where bonds can break.
+    most_uneven : float64, shape (3,), dimension length, or None
+        Where the response of the corrected bonds differs most from that inside of a body, if the correction did not
+        converge.
     """
 
     comm: Intracomm
@@ -82,6 +86,7 @@ class Model:
     intact_weights: np.ndarray | None = None
     raised_masses: int = 0
     own_energy: np.ndarray | None = None
+    most_uneven: np.ndarray | None = None
 
     @property
     def finite(self) -> bool:
@@ -127,9 +132,13 @@ def build_model(
     subdomain = cut_out(discretization, owner, comm.rank)
     points = bonds = nodes = elements = overlap = body_fit = None
     remaining, cut, intact_weights, own_energy = 0.0, [], None, None
+    most_uneven = None
     if discretization.has_points.any():
         points = make_points(discretization, subdomain, comm)
         bonds, remaining, body_fit = bonds_of_scene(scene, discretization, subdomain, comm, points, fits)
+        if remaining > CONVERGED:
+            virial = scene.peridynamics.surface_correction != "appendix_a"
+            most_uneven = most_uneven_point(comm, points, discretization.materials, bonds, virial)
         if scene.output.damage:
             intact_weights = family_weights(comm, points, bonds)
         if scene.can_fail:
@@ -155,6 +164,7 @@ def build_model(
         overlap=overlap,
         mass=mass,
         correction_remaining=remaining,
+        most_uneven=most_uneven,
         body_fit=body_fit,
         cut=tuple(cut),
         mirrors=discretization.mirrors,

@@ -22,6 +22,11 @@ TOLD = (
     "solver.tolerance", "solver.max_evaluations", "stepping.end_load_factor", "stepping.end_reaction",
     "stepping.report_every", ELEMENTS_BESIDE_BONDS,
 )  # fmt: skip
+#: What follows where a checkpoint was written with the earlier default of regions of elements.
+HELD_NOW = (
+    "since bonds between two points of the overlap no longer break unless the deck says so: set {key} = true to go on "
+    "as before, or begin anew"
+)
 #: Where the load goes: what was done already must stay.
 LOAD_FACTORS = "stepping.load_factors"
 #: Stands for the mesh itself among the keys.
@@ -35,6 +40,7 @@ def identity(scene: Scene, discretization: Discretization) -> dict[str, Any]:
     keys[KINEMATICS] = keys[KINEMATICS] or "finite"  # as checkpoints had it when that was the default
     if scene.has_finite_elements and scene.kinematics == "finite":
         keys[ELEMENTS_BESIDE_BONDS if scene.has_peridynamics else ELEMENTS] = "finite"
+    keys |= _may_fail(scene, discretization)
     total = hashlib.sha256()
     for array in (discretization.nodes, discretization.mesh.cells, discretization.region):
         total.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
@@ -71,6 +77,8 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any], steps_done: int
         if a == b or _is(key, FREE):
             continue
         values = "differs" if key == MESH else f"was {_show(then, key)}, the deck has {_show(now, key)}"
+        if _held_now(key, a, b):
+            values += f", {HELD_NOW.format(key=key)}"
         if _is(key, TOLD) or (key == LOAD_FACTORS and a and b and a[:steps_done] == b[:steps_done]):
             told.append(f"{key} {values}")
         else:
@@ -82,6 +90,23 @@ def free_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """Changes of labels and of what is measured and drawn: they end no run, but a deck may have changed by mistake."""
     keys = (key for key in then if key in now and _is(key, FREE) and not _is(key, ("checkpoint",)))
     return [f"{key} was {_show(then, key)}, the deck has {_show(now, key)}" for key in keys if then[key] != now[key]]
+
+
+def _may_fail(scene: Scene, discretization: Discretization) -> dict[str, bool]:
+    """What a region leaves open, as checkpoints had it when the default was true, where it means the same.
+
+    It differs in a region of elements with an overlap whose bonds have a limit: true lets them break.
+    """
+    overlap = set(discretization.region[discretization.is_overlap].tolist()) if scene.can_fail else set()
+    return {
+        f"regions.{index}.may_fail": True
+        for index, region in enumerate(scene.regions)
+        if region.may_fail is None and (region.model == "peridynamics" or index not in overlap)
+    }
+
+
+def _held_now(key: str, then: Any, now: Any) -> bool:
+    return key.startswith("regions.") and key.endswith(".may_fail") and then is True and now is None
 
 
 def _flatten(value: Any, path: str, keys: dict[str, Any]) -> None:

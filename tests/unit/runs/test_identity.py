@@ -4,6 +4,7 @@ import pytest
 
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.loads import Support
+from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.outputs import LineProbe, Output
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.programs import Solver, Steps
@@ -71,6 +72,19 @@ def test_elements_in_finite_kinematics_are_a_key_of_their_own():
         for scene in [make_scene((2, 1, 1), 2, kinematics=kinematics)]
     }
     assert differences(alone[None], alone["finite"], 1) == ([f'{ELEMENTS} was nothing, the deck has "finite"'], [])
+
+
+@pytest.mark.parametrize(("elements", "limit"), [(0, True), (2, False), (5, True)])
+def test_regions_of_earlier_checkpoints_may_fail(elements, limit):
+    """Unset means true, the default once: in peridynamics, without overlap, and where no bond has a limit."""
+    scene = make_scene((5, 2, 2), elements)
+    material = Material(youngs_modulus=1000.0, critical_stretch=0.01 if limit else None)
+    scene = scene.model_copy(update={"material": material})
+    keys = identity(scene, discretize(scene))
+    flags = {f"regions.{k}.may_fail": True for k in range(len(scene.regions))}
+    assert {key: keys[key] for key in flags} == flags
+    assert differences(keys | flags, keys, 1) == ([], [])
+    assert differences(keys | {"regions.0.may_fail": False}, keys, 1)[0]
 
 
 @pytest.mark.parametrize(
