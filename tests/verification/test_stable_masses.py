@@ -13,8 +13,8 @@ from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mesh import generators
-from pdfem_mpi.model.model import W
 from pdfem_mpi.peridynamics.bonds import fictitious_masses
 from pdfem_mpi.peridynamics.stable_masses import LIMIT, RAISED, stable_densities
 from pdfem_mpi.stepping import make_solver
