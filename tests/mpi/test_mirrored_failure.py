@@ -32,7 +32,8 @@ def test_events_and_books_do_not_depend_on_the_number_of_ranks(comm):
     ]
     again = build(scene, comm)
     taken = make_failure(scene, again.discretization, again.model)
-    taken.restore(again.model, books.broken_pairs(), books.dissipated_digits)
+    bonded = again.model.comm, again.model.points, again.model.bonds
+    taken.restore(*bonded, books.broken_pairs(), books.dissipated_digits)
     restored = np.concatenate(comm.allgather(taken.broken_pairs()))
     damage = broadcast(comm, gather_damage(body.discretization, body.model, remaining, failure))
     by_all = gather_damage(alone.discretization, alone.model)

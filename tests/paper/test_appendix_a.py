@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import quad
 
 from pdfem_mpi.kernels import surface_correction
-from pdfem_mpi.peridynamics import bonds
 from pdfem_mpi.peridynamics.clusters import point_rows
+from pdfem_mpi.peridynamics.surface_correction import appendix_a
 from support.bodies import build, make_scene
 
 # Measured with an independent program, printed to five digits; the update is exact arithmetic on these numbers
@@ -41,7 +41,7 @@ def block():
 def vectors_of(body):
     """Correction vectors in cluster layout, and what remained before the last sweep."""
     model = body.model
-    return bonds._appendix_a(model.comm, model.points, body.discretization.materials, model.bonds)
+    return appendix_a(model.comm, model.points, body.discretization.materials, model.bonds)
 
 
 CORRECTED = {}

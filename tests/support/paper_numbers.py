@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from pdfem_mpi.kernels import surface_correction
-from pdfem_mpi.peridynamics import bonds
 from pdfem_mpi.peridynamics.bonds import BULK_MODULUS
 from pdfem_mpi.peridynamics.clusters import point_rows
+from pdfem_mpi.peridynamics.surface_correction import appendix_a
 from support.bodies import bond_list, build, make_scene
 from support.measure import (
     POWER_ITERATIONS,
@@ -132,7 +132,7 @@ def _appendix_a(full: bool) -> dict[str, Any]:
         for sweeps in sorted({*(SWEEPS if full else FEW_SWEEPS), usual}):
             surface_correction.SWEEPS = sweeps
             materials = body.discretization.materials
-            flat, remaining = bonds._appendix_a(body.model.comm, body.model.points, materials, body.model.bonds)
+            flat, remaining = appendix_a(body.model.comm, body.model.points, materials, body.model.bonds)
             left_over[sweeps - 1] = float(remaining)
             vectors[sweeps] = point_rows(flat)
     finally:

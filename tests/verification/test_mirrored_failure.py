@@ -109,7 +109,7 @@ def test_broken_bonds_to_images_are_restored_from_the_books():
     assert (pairs // (8 * body.discretization.n_point_cells)).any(), "no bond to an image broke"
     again = build(scene)
     books = make_failure(scene, again.discretization, again.model)
-    books.restore(again.model, pairs, failure.dissipated_digits)
+    books.restore(again.model.comm, again.model.points, again.model.bonds, pairs, failure.dissipated_digits)
     assert (books.count, books.dissipated) == (failure.count, failure.dissipated)
     again.forces.bounds.bond = body.forces.bounds.bond
     assert again.internal(body.state.u).tolist() == body.internal(body.state.u).tolist()
