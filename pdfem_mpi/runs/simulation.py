@@ -47,28 +47,14 @@ class Simulation:
     scene : Scene
     comm : mpi4py.MPI.Intracomm, optional
         By default all ranks of the world.
-    prepared : (Discretization, Need), optional
-        From `prepare`, by those who looked at it before.
-    caches : sequence of Path
-        Folders where fits of bond factors are looked for and kept.
-    evaluations : int
-        Force evaluations of earlier starts.
+    prepared, caches, evaluations
+        What a run knows already: the body from `prepare`, folders of fitted bond factors, evaluations of earlier starts.
 
     Attributes
     ----------
-    scene : Scene
-    comm : mpi4py.MPI.Intracomm
-    discretization : Discretization
-    need : Need
-        What the memory estimate was.
-    model : Model
-    case : LoadCase
-    state : State
-    forces : Forces
-    failure : Failure or None
-        None where no bond can break.
-    solver : EquilibriumSolver or None
-        Made by `prepare_solver`, or when it is first needed.
+    discretization, need, model, case, state, forces, failure, solver
+        Its parts: the body and what memory it needs, this rank's equations, loads, unknowns and forces, the books of
+        broken bonds (None where none can break), and the solver (None before it is needed).
 
     Raises
     ------
@@ -120,10 +106,7 @@ class Simulation:
     def steps(self, watch: Watch = ignore) -> Iterator[dict[str, Any]]:
         """Follow the scene's load program, and yield a row at each of its equilibria: the columns of history.csv.
 
-        Parameters
-        ----------
-        watch : callable
-            Told of the step and the progress of every iteration.
+        ``watch`` is told of the step and the progress of every iteration.
 
         Raises
         ------
@@ -176,9 +159,8 @@ class Simulation:
     @property
     def parts(self) -> tuple[Any, ...]:
         """What it is made of, in the order in which memory is counted."""
-        return (
-            self.discretization, self.model, self.case, self.state, self.forces, self.failure, self.solver,
-        )  # fmt: skip
+        body = self.discretization, self.model, self.case, self.state
+        return (*body, self.forces, self.failure, self.solver)
 
     def evaluate(self) -> None:
         """Bring the tables of the forces to the state, where no row did; it does not count as an evaluation."""

@@ -28,18 +28,12 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
     march : March
         After its end.
     findings : Findings
-        What was found out before the first step.
     facts : dict
         What only the run knows: deck_text, fields_sha256, counts, bonds_per_rank, evaluations, seconds,
         seconds_of_all_starts, memory.
     """
     simulation, keeper, ended = march.simulation, march.keeper, march.ended
     model, discretization = simulation.model, simulation.discretization
-    last = march.outputs.history.history.last() or {}
-
-    def number(column, kind=float):
-        return kind(last[column]) if last.get(column) else None
-
     return {
         "schema_version": SCHEMA_VERSION,
         "status": RUN_STATUS[ended.code],
@@ -58,15 +52,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         },
         "counts": facts["counts"],
         "bonds_per_rank": facts["bonds_per_rank"],
-        "solve": {
-            "kind": scene.solver.kind,
-            "load_steps": simulation.state.step,
-            "evaluations": facts["evaluations"],
-            "evaluations_last_step": number("evaluations", int),
-            "relative_residual": number("relative_residual"),
-            "energy_error": march.energy_error,
-        },
-        "balance": {"force": number("force_balance"), "moment": number("moment_balance")},
+        **_last_row(march, facts["evaluations"]),
         "checkpoints": {
             "written": keeper.written,
             "failed": keeper.failed,
@@ -93,6 +79,26 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
             "numpy": np.__version__,
             "numba": sys.modules["numba"].__version__,
         },
+    }
+
+
+def _last_row(march: March, evaluations: int) -> dict[str, Any]:
+    """How well the last equilibrium was found."""
+    last = march.outputs.history.history.last() or {}
+
+    def number(column, kind=float):
+        return kind(last[column]) if last.get(column) else None
+
+    return {
+        "solve": {
+            "kind": march.simulation.scene.solver.kind,
+            "load_steps": march.simulation.state.step,
+            "evaluations": evaluations,
+            "evaluations_last_step": number("evaluations", int),
+            "relative_residual": number("relative_residual"),
+            "energy_error": march.energy_error,
+        },
+        "balance": {"force": number("force_balance"), "moment": number("moment_balance")},
     }
 
 

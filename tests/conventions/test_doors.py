@@ -8,7 +8,7 @@ from conventions.test_layers import MODULES, TREES, begins
 
 INSIDE = ("peridynamics", "kernels")
 #: The kernels are compiled there, and by nobody called.
-COMPILES = "run.compilation"
+COMPILES = "runs.compilation"
 OUTSIDE = [name for name in MODULES if not any(begins(name, folder) for folder in INSIDE)]
 #: Reads of the rows of bonds, of how they are stored, and of their kinematics, which a model is asked for.
 STORAGE = re.compile(

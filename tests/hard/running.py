@@ -26,7 +26,7 @@ def outcome_of(case, comm, folder, short=False):
         if case.program != "run":
             run_check(case.program, scene, comm, folder)
             return scene, read_outcome(folder, 0, "") if comm.rank == 0 else Outcome(0, "")
-        with patch("pdfem_mpi.runs.prepare.fit_folders", lambda out: (out,)):  # the user's cache knows earlier fits
+        with patch("pdfem_mpi.runs.run.fit_folders", lambda out: (out,)):  # the user's cache knows earlier fits
             code = run(scene, comm, folder, deck_text(case), True, listener)
     except (DeckError, SceneError) as error:
         return None, Outcome(BAD_DECK, "\n".join(error.messages))

@@ -73,7 +73,7 @@ def test_starts_on_other_ranks_without_the_fit(mpi_tmp_path, kinematics, length)
     """Stopped within avalanches, gone on with on other ranks; every other start but the first finds no fit."""
     world, folder = mpi().COMM_WORLD, mpi_tmp_path / "run"
     scene, fits = cracked(kinematics), []
-    with patch("pdfem_mpi.runs.prepare.fit_folders", lambda out: (out,)):  # the user's cache knows those of other tests
+    with patch("pdfem_mpi.runs.run.fit_folders", lambda out: (out,)):  # the user's cache knows those of other tests
         expected = None
         if world.rank == 0:
             straight = folder.with_name("straight")

@@ -22,7 +22,7 @@ SEEDS = [pytest.param(seed, marks=() if seed in DEFAULT else pytest.mark.slow) f
 
 def results(scene, comm, out: Path):
     """Exit code, digest of the fields and the history as it is written, on all ranks. Collective."""
-    with patch("pdfem_mpi.runs.prepare.warm_up"), patch("pdfem_mpi.runs.prepare.fit_folders", lambda out: (out,)):
+    with patch("pdfem_mpi.runs.prepare.warm_up"), patch("pdfem_mpi.runs.run.fit_folders", lambda out: (out,)):
         code = run(scene, comm, out, write_deck(scene), True, Silence())
     found = None
     if comm.rank == 0:

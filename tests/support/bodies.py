@@ -173,7 +173,7 @@ def run_deck(name, out, *overrides):
     text = path.read_text(encoding="utf-8")
     scene = parse_deck(text, str(path), (*overrides, "output.fields=false", "output.figures=false"))
     # the user's cache knows fits of earlier tests
-    with patch("pdfem_mpi.runs.prepare.fit_folders", lambda out: (out,)):
+    with patch("pdfem_mpi.runs.run.fit_folders", lambda out: (out,)):
         code = run(scene, mpi().COMM_SELF, Path(out), text, True, Silence())
     summary = json.loads((Path(out) / "summary.json").read_text(encoding="utf-8"))
     assert code == 0, summary["reason"]

@@ -27,7 +27,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,7 +38,9 @@ from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.fit.grid import FactorGrid, share_of_long_bonds
+from pdfem_mpi.peridynamics.fit.iterations import solve
 from pdfem_mpi.peridynamics.fit.operator import Operator, inverse_blocks, size_of
+from pdfem_mpi.peridynamics.fit.outcome import Fit
 from pdfem_mpi.peridynamics.points import Points
 
 #: Shear modulus in model units, where E = 1 and nu = 1/4.
@@ -50,10 +51,6 @@ TOLERANCE = 1e-9
 INNER_REDUCTION, MOST_INNER = 1e-3, 100
 #: Weight of a bond whose factor is held at 0, relative to others, in a linear solve.
 HELD = 1e-6
-#: A residual this much above the best of its solve is round-off growing along the operator's fifty free motions.
-DRIFT = 100.0
-#: A solve ends where the residual has not been halved for so many iterations: round-off is reached.
-STALLED = 100
 #: Sweeps and turns after which a fit ends with what it has.
 MOST_SWEEPS, MOST_TURNS = 1500, 60
 #: A step towards positive factors is halved so often at most.
@@ -64,49 +61,8 @@ SLACK = 2e-5
 LONG_BONDS = (0.64, 0.8, 0.9)
 #: Reduction asked of each of these turns, most iterations, and the least reduction that is used.
 REFINEMENT, MOST_REFINEMENTS, LEAST_REFINEMENT = 0.02, 30, 0.7
-
 #: Each body's clusters among the owned ones, and its background grid.
 Grids = list[tuple[np.ndarray | slice, FactorGrid]]
-
-
-@dataclass(frozen=True)
-class Fit:
-    """What a fit reached; all numbers are those of the whole body.
-
-    Attributes
-    ----------
-    signs : "free" or "bounded"
-    sweeps : int
-        Over the bonds, preparations included.
-    turns : int
-        Linear solves: 1 with free signs.
-    residual, residual_in_slack : float, dimension 1
-        Largest miss of a point's ten moments, relative to the largest target, outside and inside the slack.
-    residual_rms, residual_rms_in_slack : float, dimension 1
-        Root of the mean of the squares.
-    residual_of_bodies : tuple of float, dimension 1
-        Largest miss of each body, slack included.
-    slack_points : int
-    smallest_factor, largest_factor : float
-    share_at_bound : float
-        Bonds whose factor is 0, among all.
-    compatibility_change : float
-        Relative change of the area vectors.
-    """
-
-    signs: str
-    sweeps: int
-    turns: int
-    residual: float
-    residual_in_slack: float
-    residual_rms: float
-    residual_rms_in_slack: float
-    residual_of_bodies: tuple[float, ...]
-    slack_points: int
-    smallest_factor: float
-    largest_factor: float
-    share_at_bound: float
-    compatibility_change: float
 
 
 def targets(areas: np.ndarray) -> np.ndarray:
@@ -125,61 +81,6 @@ def targets(areas: np.ndarray) -> np.ndarray:
     zero = np.zeros(len(areas))
     rows = np.stack([3 * x, y, z, x, zero, x, 3 * y, z, y, 3 * z], axis=1)
     return np.ascontiguousarray((-SHEAR_MODULUS * np.sqrt(MULTIPLICITY) * rows).reshape(-1, W, N).swapaxes(1, 2))
-
-
-def solve(
-    comm,
-    multiply: Callable[[np.ndarray, float], np.ndarray],
-    precondition: Callable[[np.ndarray], np.ndarray],
-    right: np.ndarray,
-    reduction: float,
-    most: int,
-) -> tuple[np.ndarray, float]:
-    """Preconditioned conjugate gradients from 0, with exact dot products. Collective.
-
-    Parameters
-    ----------
-    multiply : callable
-        Of a vector and a bound of its points' norms.
-    right : float64, shape (n_clusters, 10, 4)
-    reduction : float
-        Of the residual's norm, at which the solve ends.
-    most : int
-        Iterations.
-
-    Returns
-    -------
-    x : float64, shape (n_clusters, 10, 4)
-    reached : float
-        Reduction of the recursive residual's norm.
-    """
-    x, r = np.zeros_like(right), right.copy()
-    z = precondition(r)
-    p = z.copy()
-    gamma, first = exact_dots(comm, [(r, z), (r, r)])
-    square, iterations = first, 0
-    best, best_x = first, x.copy()
-    halved, since = first, 0
-    while iterations < most and reduction**2 * first < square < DRIFT**2 * best and iterations - since < STALLED:
-        w = multiply(p, size_of(comm, p))
-        (curvature,) = exact_dots(comm, [(p, w)])
-        if not curvature > 0.0:
-            break  # round-off: the operator has no negative direction
-        alpha = gamma / curvature
-        x += alpha * p
-        r -= alpha * w
-        z = precondition(r)
-        before = gamma
-        gamma, square = exact_dots(comm, [(r, z), (r, r)])
-        if square < best:
-            best = square
-            best_x[:] = x
-        if square < 0.25 * halved:
-            halved, since = square, iterations
-        p *= gamma / before
-        p += z
-        iterations += 1
-    return best_x, math.sqrt(best / first) if first > 0.0 else 0.0
 
 
 def fit_factors(

@@ -25,8 +25,9 @@ from pdfem_mpi.parallel.slabs import gather_rows
 from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.fit import cache as factor_cache
 from pdfem_mpi.peridynamics.fit.areas import Boundary, area_vectors, find_boundary, restore_compatibility
-from pdfem_mpi.peridynamics.fit.equations import Fit, fit_factors, write_factors
+from pdfem_mpi.peridynamics.fit.equations import fit_factors, write_factors
 from pdfem_mpi.peridynamics.fit.grid import MOST_ENTRIES, make_factor_grid
+from pdfem_mpi.peridynamics.fit.outcome import Fit
 from pdfem_mpi.peridynamics.points import Points
 
 #: Counts up whenever the algorithm gives other numbers: fits of before are not used again.
@@ -123,17 +124,21 @@ def fit_body(
         make_grids, change,
     )  # fmt: skip
     if folders:
-        number = points.cell_number[: points.n_owned]
-        n_cells = discretization.n_point_cells
-        stored = np.empty((len(multipliers), n_cells, 8, N)) if comm.rank == 0 else None
-        for k, v in enumerate(multipliers):
-            rows = np.ascontiguousarray(v.reshape(-1, 2, N, W).swapaxes(2, 3)).reshape(-1, 8, N)
-            gathered = gather_rows(comm, number, rows, n_cells)
-            if stored is not None:
-                stored[k] = gathered
+        stored = _gathered(comm, points.cell_number[: points.n_owned], multipliers, discretization.n_point_cells)
         if stored is not None:
             factor_cache.store(folders, key, asdict(fit), stored)
     return bonds, _outcome(fit, False, key, discretization.n_bodies)
+
+
+def _gathered(comm, number: np.ndarray, multipliers: list[np.ndarray], n_cells: int) -> np.ndarray | None:
+    """Multipliers of all points in global order, (n, n_cells, 8, 10); None except on rank 0. Collective."""
+    stored = np.empty((len(multipliers), n_cells, 8, N)) if comm.rank == 0 else None
+    for k, v in enumerate(multipliers):
+        rows = np.ascontiguousarray(v.reshape(-1, 2, N, W).swapaxes(2, 3)).reshape(-1, 8, N)
+        gathered = gather_rows(comm, number, rows, n_cells)
+        if stored is not None:
+            stored[k] = gathered
+    return stored
 
 
 def _make_grids(comm, discretization: Discretization, cells: np.ndarray, points: Points, slack: np.ndarray, omega):
