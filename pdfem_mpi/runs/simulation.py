@@ -48,7 +48,7 @@ class Simulation:
     comm : mpi4py.MPI.Intracomm, optional
         By default all ranks of the world.
     prepared, caches, evaluations
-        What a run knows already: the body from `prepare`, folders of fitted bond factors, evaluations of earlier starts.
+        What a run knows already: the body from `prepare`, folders of fitted factors, evaluations of earlier starts.
 
     Attributes
     ----------
@@ -117,13 +117,9 @@ class Simulation:
             yield self.row(report)
 
     def solve(self, load_factor: float, watch: Watch = ignore) -> dict[str, Any]:
-        """Find the equilibrium at a load factor from the state as it is, and return its row.
+        """Find the equilibrium at a load factor from the state as it is, and return its row; errors as `steps`.
 
         Bonds beyond their critical stretch break until none is, whatever ``scene.stepping`` says.
-
-        Raises
-        ------
-        NotConverged, NotFinite
         """
         solver = self.solver or self.prepare_solver()
         # the steps before were taken already, whatever their load factors were
