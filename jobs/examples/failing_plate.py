@@ -32,7 +32,7 @@ def main():
     figure, axes = plt.subplots(layout="constrained")
     places = simulation.points
     dots = axes.scatter(places[:, 0], places[:, 1], c=damage, s=2, cmap="magma_r", vmin=0.0, vmax=0.5)
-    axes.set(aspect="equal", xlabel="x (in)", ylabel="y (in)", title=f"{scene.title}, peak {peak:,.0f} lbf")
+    axes.set(aspect="equal", xlabel="x (in)", ylabel="y (in)", title=f"Centre-cracked plate, peak {peak:,.0f} lbf")
     figure.colorbar(dots, label="local damage (eq. 5)")
     figure.savefig("failing_plate.png", dpi=150)
     print("failing_plate.png: damage after the peak")
