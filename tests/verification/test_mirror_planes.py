@@ -28,7 +28,8 @@ from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from support.bodies import build, run_deck
 
-SOLVED = 1e-11  # of the largest displacement: two equilibria with residuals of TOLERANCE each, bodies a few cells long; 3.5e-12 found
+#: Of the largest displacement: two equilibria with residuals of TOLERANCE each; 3.5e-12 is found.
+SOLVED = 1e-11
 RELAXED = 1e-7  # residuals of 1e-8
 ROUND_OFF = 1e-13  # of the largest value, for set-up and a few iterations
 QUANTA = 2e-12  # of the largest force: quanta are 2^-50 of a bound that may be 2^9 above what is met
