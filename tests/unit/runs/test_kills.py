@@ -19,11 +19,12 @@ import pytest
 from pdfem_mpi.deck.outputs import Checkpoint, Output
 from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.toml import write_deck
+from pdfem_mpi.results.run_folder import read_summary
 from pdfem_mpi.system.signals import Requests
 from support.helpers import ROOT, outside_launcher
 from support.restarts import FACTORS, alone, differing, outcome, relaxed
 
-FINISHED, STOPPED = 0, 75
+FINISHED, REFUSED, STOPPED = 0, 64, 75
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGUSR1)
 TARGETS = ("rank", "launcher", "all")
 KILLS, KILLS_BY_DEFAULT = 60, 10
@@ -134,12 +135,18 @@ def kill_once(deck, out, kill, seconds):
 
 
 def run_to_its_end(deck, out, ranks):
-    """Give the same command again until it finishes; return the codes."""
+    """Give the same command again until it finishes; return the codes.
+
+    A run that was killed after its last word, before its process was gone, is finished: a start there is refused.
+    """
     codes = []
     while FINISHED not in codes and len(codes) < 3:
         process = start(deck, out, ranks)
         text, _ = process.communicate(timeout=120)
         codes.append(process.returncode)
+        if process.returncode == REFUSED and "already holds a run" in text:
+            assert read_summary(out)["status"] == "finished", text
+            return codes
     assert codes[-1] == FINISHED, text
     return codes
 
