@@ -39,13 +39,18 @@ def read_history(path: str | Path) -> dict[str, np.ndarray]:
     OSError, ValueError
         The file cannot be read, or a field is no number.
     """
-    with open(path, newline="", encoding="utf-8") as file:
+    return _columns(Path(path), WORDS)
+
+
+def _columns(path: Path, words: str) -> dict[str, np.ndarray]:
+    """The columns of a CSV file: numbers, NaN where a field is empty, but for one column of words."""
+    with path.open(newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file)
         rows = list(reader)
         names = reader.fieldnames or ()
     return {
         name: np.array([row[name] for row in rows], str)
-        if name == WORDS
+        if name == words
         else np.array([float(row[name]) if row[name] else np.nan for row in rows])
         for name in names
     }
@@ -195,17 +200,7 @@ class RunFolder:
         FileNotFoundError
             The run has no such line.
         """
-        path = self.path / "lines" / f"{name}.csv"
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            rows = list(reader)
-            names = reader.fieldnames or ()
-        return {
-            column: np.array([row[column] for row in rows], str)
-            if column == "model"
-            else np.array([float(row[column]) if row[column] else np.nan for row in rows])
-            for column in names
-        }
+        return _columns(self.path / "lines" / f"{name}.csv", "model")
 
     def _frames(self, name: str) -> Frames | None:
         path = self.path / name
