@@ -182,9 +182,7 @@ def count(stage: Stage, result: Result) -> None:
             continue
         for case in cases:
             kinds = {child.tag for child in case}
-            outcome = (
-                "failed" if kinds & {"failure", "error"} else "skipped" if "skipped" in kinds else "passed"
-            )
+            outcome = "failed" if kinds & {"failure", "error"} else "skipped" if "skipped" in kinds else "passed"
             outcomes.setdefault((case.get("classname", ""), case.get("name", "")), []).append(outcome)
     n_ranks = len(stage.reports)
     result.failed = sum("failed" in each for each in outcomes.values())
@@ -195,9 +193,7 @@ def count(stage: Stage, result: Result) -> None:
         if "failed" not in each and "passed" in each and each.count("passed") < n_ranks
     ]
     if missing:
-        result.reason = f"reports {n_ranks - missing} of {n_ranks}" + (
-            f", {result.reason}" * bool(result.reason)
-        )
+        result.reason = f"reports {n_ranks - missing} of {n_ranks}" + (f", {result.reason}" * bool(result.reason))
     elif result.failed:
         result.reason = f"{result.failed} tests failed"
     elif partial:

@@ -114,9 +114,7 @@ def find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray, stays: np
     for layer in range(1, scene.coupling.overlap + 1):
         wider = mesh.neighbours(reached)
         if layer == 1 and not (wider & ~reached).any():
-            raise SceneError(
-                ["regions: the peridynamic and the finite-element cells share no node. Let them touch."]
-            )
+            raise SceneError(["regions: the peridynamic and the finite-element cells share no node. Let them touch."])
         if not (stays | ~wider).any() or not (stays | (wider & ~reached)).any():
             deep = f"{layer} layer{'s' if layer > 1 else ''} deep"
             remedy = f"Use at most {layer - 1}, or enlarge them" if layer > 1 else "Enlarge them"

@@ -99,9 +99,7 @@ def cut_out(discretization: Discretization, owner: np.ndarray, rank: int) -> Sub
 
     owner_of_node = np.full(len(mesh.nodes), -1, np.int32)
     carriers = np.flatnonzero(discretization.has_nodes)[::-1]
-    owner_of_node[mesh.cells[carriers]] = owner[
-        carriers, None
-    ]  # the last assignment stays: the lowest cell's
+    owner_of_node[mesh.cells[carriers]] = owner[carriers, None]  # the last assignment stays: the lowest cell's
 
     touched = np.zeros(len(mesh.nodes), bool)
     touched[mesh.cells[mine & discretization.has_nodes]] = True

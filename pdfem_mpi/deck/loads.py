@@ -142,9 +142,7 @@ def _unknown_regions(table: str, regions: Sequence[Region], items: Sequence[Any]
         if name is not None and name not in names:
             hint = did_you_mean(name, names) if len(problems) < MOST_HINTS else ""
             remedy = hint or f" The regions are {', '.join(names[:MOST_HINTS])}."
-            problems.append(
-                Problem(f"{table}.{index}.region", f"= {show(name)} is not the name of a region.{remedy}")
-            )
+            problems.append(Problem(f"{table}.{index}.region", f"= {show(name)} is not the name of a region.{remedy}"))
     return problems
 
 

@@ -42,9 +42,7 @@ class Material(Table):
     6666666.666666667
     """
 
-    youngs_modulus: float = key(
-        gt=0, dimension="force / length^2", remedy="Give Young's modulus, for example 1.0e7."
-    )
+    youngs_modulus: float = key(gt=0, dimension="force / length^2", remedy="Give Young's modulus, for example 1.0e7.")
     poissons_ratio: float = key(PERIDYNAMIC_POISSONS_RATIO, gt=-1, lt=0.5, dimension="1")
     critical_stretch: float | None = key(None, gt=0, dimension="1")
     fracture_energy: float | None = key(None, gt=0, dimension="force / length")
@@ -142,9 +140,7 @@ def check_material_names(materials: dict[str, Material]) -> list[Problem]:
             text = f"is longer than {LONGEST_NAME} characters. Shorten it."
             problems.append(Problem(f"materials.{show(name)}", text))
         elif not re.fullmatch(r"[A-Za-z0-9_-]+", name):
-            problems.append(
-                Problem(f"materials.{show(name)}", "is not a name. Use letters, digits, - and _ only.")
-            )
+            problems.append(Problem(f"materials.{show(name)}", "is not a name. Use letters, digits, - and _ only."))
     return problems
 
 

@@ -64,11 +64,7 @@ class _CubicCells(_Modelled):
             else "No spacing near it divides all three sides: choose other corners."
         )
         noun = "the box's side" if len(misfits) == 1 else "the box's sides"
-        return [
-            Problem(
-                "spacing", f"= {show(self.spacing)} does not divide {noun} {names} into whole cells. {remedy}"
-            )
-        ]
+        return [Problem("spacing", f"= {show(self.spacing)} does not divide {noun} {names} into whole cells. {remedy}")]
 
     @property
     def n_cells(self) -> tuple[int, int, int]:

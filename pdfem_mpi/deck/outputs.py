@@ -76,9 +76,7 @@ class LineProbe(Table):
         """A name that a file can have, and two different ends."""
         problems = []
         if not re.fullmatch(r"[A-Za-z0-9_-]+", self.name):
-            problems.append(
-                Problem("name", f"= {show(self.name)} names a file. Use letters, digits, - and _ only.")
-            )
+            problems.append(Problem("name", f"= {show(self.name)} names a file. Use letters, digits, - and _ only."))
         if self.start == self.stop:
             problems.append(Problem("stop", f"= {show(self.stop)} is the start as well. Give another end."))
         return problems
@@ -149,9 +147,7 @@ def check_probe_names(probes: Sequence[Any]) -> list[Problem]:
     bars = [index for index, probe in enumerate(probes) if isinstance(probe, BarProbe)]
     for index in bars[1:]:
         problems.append(
-            Problem(
-                f"probes.{index}.kind", f'= "bar" is there already as probes.{bars[0]}. Remove one of them.'
-            )
+            Problem(f"probes.{index}.kind", f'= "bar" is there already as probes.{bars[0]}. Remove one of them.')
         )
     return problems
 
@@ -165,7 +161,5 @@ def check_mirrored_bars(mesh: Mesh, probes: Sequence[Any]) -> list[Problem]:
         both = f"{probe.axis}-" in mesh.symmetry
         why = "a bar between two mirrors has no end" if both else "the probe compares the upper end of the bar"
         remedy = "Remove the probe" if both else f'Model the other half, with the mirror at "{probe.axis}-"'
-        problems.append(
-            Problem(f"probes.{index}.axis", f'= "{probe.axis}" ends at a mirror plane: {why}. {remedy}.')
-        )
+        problems.append(Problem(f"probes.{index}.axis", f'= "{probe.axis}" ends at a mirror plane: {why}. {remedy}.'))
     return problems

@@ -21,9 +21,7 @@ class OverrideProblem(Exception):
     """Sentence that follows the override's text."""
 
 
-def parse_overrides(
-    overrides: Sequence[str] | Mapping[str, Any], messages: list[str] | None = None
-) -> list[Override]:
+def parse_overrides(overrides: Sequence[str] | Mapping[str, Any], messages: list[str] | None = None) -> list[Override]:
     """Split overrides like ``mesh.spacing=0.1``; values are TOML, bare words are texts.
 
     Items of lists are addressed by index or by name: ``loads.0.total=[1.0, 0.0, 0.0]``,
@@ -73,9 +71,7 @@ def _toml_value(text: str) -> Any:
     except (ValueError, RecursionError):
         pass
     if text[0] in "[{\"'" or "\n" in text:
-        raise OverrideProblem(
-            f"{show(text)} is not a TOML value. Quote it for the shell: --set 'key=[1.0, 2.0]'."
-        )
+        raise OverrideProblem(f"{show(text)} is not a TOML value. Quote it for the shell: --set 'key=[1.0, 2.0]'.")
     return text
 
 

@@ -128,6 +128,4 @@ def unwrap(annotation: Any) -> Any:
 
 
 def is_table(value: Any) -> bool:
-    return isinstance(value, dict) or (
-        isinstance(value, tuple) and bool(value) and isinstance(value[0], dict)
-    )
+    return isinstance(value, dict) or (isinstance(value, tuple) and bool(value) and isinstance(value[0], dict))

@@ -170,9 +170,7 @@ def check_failure(
             for where, table in tables.values()
             if table.can_fail
         ]
-        return problems or _needs_failure(
-            stepping, "finite elements do not break. Describe a region by peridynamics."
-        )
+        return problems or _needs_failure(stepping, "finite elements do not break. Describe a region by peridynamics.")
     bonded = [region for region in regions if region.model == "peridynamics"]
     breakable = any(tables[region.material][1].can_fail for region in bonded if region.material in tables)
     if not breakable and not any(interface.can_fail for interface in interfaces):

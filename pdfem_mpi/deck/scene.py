@@ -78,9 +78,7 @@ class Scene(Table):
     material: Material = key(remedy="Add a table [material] with youngs_modulus.")
     materials: dict[str, Material] = key({})
     interfaces: tuple[Interface, ...] = key(())
-    regions: tuple[Region, ...] = key(
-        min_length=1, remedy="Add at least one table [[regions]] with name and model."
-    )
+    regions: tuple[Region, ...] = key(min_length=1, remedy="Add at least one table [[regions]] with name and model.")
     peridynamics: Peridynamics = Field(default_factory=Peridynamics)
     cracks: tuple[Crack, ...] = key(())
     coupling: Coupling = Field(default_factory=Coupling)

@@ -86,9 +86,7 @@ def _sentence(item: Any, data: dict[str, Any]) -> Problem:
         if kind == "union_tag_not_found":
             return Problem(place.path, f"has no kind. Give {choices}.")
         given = place.value["kind"]
-        return Problem(
-            f"{place.path}.kind", f"= {show(given)} is unknown. Give {choices}.{did_you_mean(given, kinds)}"
-        )
+        return Problem(f"{place.path}.kind", f"= {show(given)} is unknown. Give {choices}.{did_you_mean(given, kinds)}")
     if kind in ("model_type", "model_attributes_type", "tuple_type", "dict_type") and models_of(place.annotation):
         return Problem(place.path, _table_or_list(place, equals))
     if kind == "literal_error":

@@ -150,9 +150,7 @@ def _validate(data: dict[str, Any], beyond: set[str]) -> tuple[Scene | None, lis
         problems += [problem for problem in more + find_problems(tables) if problem not in problems]
     if "loads" in tables and "supports" in tables and not tables["loads"] and not tables["supports"]:
         problems.append(
-            Problem(
-                "loads", "and supports are both empty: nothing would move. Add [[loads]] or [[supports]]."
-            )
+            Problem("loads", "and supports are both empty: nothing would move. Add [[loads]] or [[supports]].")
         )
     return scene, problems
 
@@ -196,8 +194,6 @@ def write_deck(scene: Scene) -> str:
         elif is_table(value):
             blocks += [f"[[{name}]]\n{_lines(item)}" for item in value]
     return "\n".join(block for block in blocks if block)
-
-
 
 
 def _lines(table: dict[str, Any]) -> str:

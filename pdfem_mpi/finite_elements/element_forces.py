@@ -107,9 +107,7 @@ class ElementForces:
             finite_elements.add_shared_forces(*nodal, part.connectivity, part.stiffness, part.scale, quantum, top)
         if self.elements.general:
             part = self.elements.general
-            finite_elements.add_general_forces(
-                *nodal, part.connectivity, part.tables, part.lam, part.mu, quantum, top
-            )
+            finite_elements.add_general_forces(*nodal, part.connectivity, part.tables, part.lam, part.mu, quantum, top)
         met[1] = max(met[1], top[0])
 
     def _sweep_turning(self, quantum: float, met: np.ndarray) -> None:

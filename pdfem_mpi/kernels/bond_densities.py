@@ -60,7 +60,5 @@ def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite):
 
 _f8, _i8 = types.float64[::1], types.int64[::1]
 SIGNATURES = {
-    add_densities: types.void(
-        _i8, types.uint32[::1], types.float32[::1], _f8, _i8, types.float64, types.boolean
-    ),
+    add_densities: types.void(_i8, types.uint32[::1], types.float32[::1], _f8, _i8, types.float64, types.boolean),
 }

@@ -37,9 +37,7 @@ from pdfem_mpi.kernels.simd import (
 
 BITS = 48  #: of a digit
 LOWEST, HIGHEST = -20, 20  #: exponents k of the digits
-NOT_FINITE = (
-    HIGHEST - LOWEST + 2
-)  #: place of the count of terms that are not finite (the place before takes carries)
+NOT_FINITE = HIGHEST - LOWEST + 2  #: place of the count of terms that are not finite (the place before takes carries)
 SIZE = NOT_FINITE + 1
 BLOCK = 512  #: terms cut together
 BLOCKS = 2**14  #: blocks after which digits are carried, so that they cannot overflow

@@ -47,9 +47,7 @@ def stiffness_of_moduli(coordinates: np.ndarray, lam: np.ndarray, mu: np.ndarray
         products = gradients[:, g, :, :, None, None] * gradients[:, g, None, None, :, :]  # [a, i, b, j]
         laplacian = products[:, :, 0, :, 0] + products[:, :, 1, :, 1] + products[:, :, 2, :, 2]
         stiffness += weight * lam * products
-        stiffness += (
-            weight * mu * (products.swapaxes(2, 4) + laplacian[:, :, None, :, None] * np.eye(3)[:, None, :])
-        )
+        stiffness += weight * mu * (products.swapaxes(2, 4) + laplacian[:, :, None, :, None] * np.eye(3)[:, None, :])
     return stiffness.reshape(-1, 24, 24)
 
 

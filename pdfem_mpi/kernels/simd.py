@@ -190,9 +190,7 @@ else:
 
     def _call(builder, name, *args):
         signature = ir.FunctionType(_VF, [_VF] * len(args))
-        return builder.call(
-            cgutils.get_or_insert_function(builder.module, signature, f"llvm.{name}.v4f64"), args
-        )
+        return builder.call(cgutils.get_or_insert_function(builder.module, signature, f"llvm.{name}.v4f64"), args)
 
     @intrinsic
     def fma(typingctx, x, y, z):

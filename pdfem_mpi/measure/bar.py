@@ -70,9 +70,7 @@ class Bar:
         return same & (np.cumsum(starts) == 1)
 
 
-def measure_bar(
-    scene: Scene, discretization: Discretization, fields: Fields, probe: BarProbe, factor: float
-) -> Bar:
+def measure_bar(scene: Scene, discretization: Discretization, fields: Fields, probe: BarProbe, factor: float) -> Bar:
     """Average a bar over its cross sections at a load factor."""
     mesh = discretization.mesh
     axis = "xyz".index(probe.axis)
@@ -163,9 +161,7 @@ def _slope(x: np.ndarray, u: np.ndarray, planes: list[float]) -> float:
     return float(((x - planes[0]) * u).sum() / ((x - planes[0]) ** 2).sum())
 
 
-def bar_results(
-    scene: Scene, discretization: Discretization, bar: Bar, probe: BarProbe, factor: float
-) -> dict:
+def bar_results(scene: Scene, discretization: Discretization, bar: Bar, probe: BarProbe, factor: float) -> dict:
     """End error, moduli and Poisson's ratio of each description, and the jump at the first interface.
 
     The end error is that of the last layer of cells, in percent of the exact displacement of the end face.
@@ -186,9 +182,7 @@ def bar_results(
         clear &= np.abs(bar.coordinate - interface) > margin
     results = {
         "end_displacement": float(bar.displacement[-1]),
-        "end_error_percent": float(
-            100.0 * (bar.displacement[-1] - bar.exact[-1]) / (strain * half_length)
-        ),
+        "end_error_percent": float(100.0 * (bar.displacement[-1] - bar.exact[-1]) / (strain * half_length)),
     }
     lines, runs = {}, []
     for name, of_points in (("finite_elements", False), ("peridynamics", True)):
@@ -202,8 +196,6 @@ def bar_results(
         results[f"modulus_ratio_{name}"] = float(bar.strain[run][0] / lines[name][0])
         results[f"poissons_ratio_{name}"] = float(-bar.lateral_strain[chosen].mean() / lines[name][0])
     if len(lines) == 2 and (runs[0][1] + 1 == runs[1][0] or runs[1][1] + 1 == runs[0][0]):
-        gap = np.polyval(lines["peridynamics"], bar.interface) - np.polyval(
-            lines["finite_elements"], bar.interface
-        )
+        gap = np.polyval(lines["peridynamics"], bar.interface) - np.polyval(lines["finite_elements"], bar.interface)
         results["interface_jump"] = float(gap / (strain * discretization.mesh.mean_edge))
     return results

@@ -178,9 +178,7 @@ def list_cells(mesh: HexMesh, cells: np.ndarray) -> str:
         Numbers of the cells in any order, or which they are.
     """
     numbers = np.flatnonzero(cells) if cells.dtype == bool else np.unique(cells)
-    return ", ".join(
-        f"{cell} at ({', '.join(f'{c:.6g}' for c in mesh.centroids[cell])})" for cell in numbers[:LISTED]
-    )
+    return ", ".join(f"{cell} at ({', '.join(f'{c:.6g}' for c in mesh.centroids[cell])})" for cell in numbers[:LISTED])
 
 
 def equal_rows(rows: np.ndarray) -> np.ndarray:

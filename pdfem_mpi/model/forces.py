@@ -15,7 +15,7 @@ from time import perf_counter
 import numpy as np
 
 from pdfem_mpi.finite_elements.element_forces import ElementForces
-from pdfem_mpi.kernels import overlap
+from pdfem_mpi.kernels import interpolation
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.rounding import pattern_for
 from pdfem_mpi.model.bounds import COARSE, LARGEST, Bounds, power_above
@@ -131,7 +131,7 @@ class Forces:
             clock.lap("exchange")
             if model.overlap:
                 place = model.points.n_free, model.overlap.connectivity
-                overlap.lump(nodes.force, bonds.SI, *place, bond_quantum / node_quantum)
+                interpolation.lump(nodes.force, bonds.SI, *place, bond_quantum / node_quantum)
             bonds.read(bond_quantum, unknowns.of_points(external), unknowns.of_points(force))
             clock.lap("other")
         if nodes:
@@ -163,7 +163,7 @@ class Forces:
     def _move_overlap(self) -> None:
         """Displace the overlap's points with the nodes of their cells (25)."""
         place = self.model.points.n_free, self.model.overlap.connectivity
-        overlap.interpolate(self.of_bonds.S, *place, self.of_nodes.u)
+        interpolation.interpolate(self.of_bonds.S, *place, self.of_nodes.u)
 
     def _element_quantum(self) -> float:
         return pattern_for(self.of_nodes.force_bound(self.bounds.element))[0]

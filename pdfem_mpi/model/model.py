@@ -113,9 +113,7 @@ class Model:
         return 0.5**planes
 
 
-def build_model(
-    scene: Scene, discretization: Discretization, comm: Intracomm, fits: tuple[Path, ...] = ()
-) -> Model:
+def build_model(scene: Scene, discretization: Discretization, comm: Intracomm, fits: tuple[Path, ...] = ()) -> Model:
     """Cut out this rank's share and compute its constants. Collective.
 
     Parameters

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.kernels.components import join_rows, spread_smallest
 from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.kernels.union_find import join_rows, spread_smallest
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import PAIRS, left_free, modes_at, motion_names
 from pdfem_mpi.parallel.comm import distinct, largest, sum_integers

@@ -69,9 +69,7 @@ def gather_slabs(comm: Intracomm, global_ids: Array, rows: Array, n_global: int)
     fits = len(rows) == len(ids) and not rows.dtype.hasobject
     kinds = dict.fromkeys(comm.allgather((rows.dtype.str, rows.shape[1:], fits)))
     if len(kinds) > 1 or not all(fits for _, _, fits in kinds):
-        raise ValueError(
-            f"gather_rows: (dtype, row shape, numbers and one id per row) by rank: {list(kinds)}."
-        )
+        raise ValueError(f"gather_rows: (dtype, row shape, numbers and one id per row) by rank: {list(kinds)}.")
     order = np.argsort(ids, kind="stable")
     slabs = np.minimum(np.arange(0, max(n_global, 1) + SLAB, SLAB), n_global)
     edges = np.searchsorted(ids, slabs, sorter=order)

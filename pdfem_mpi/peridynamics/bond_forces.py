@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.kernels import bond_forces, bond_response, bond_tangent, point_table
-from pdfem_mpi.kernels.failure import add_energies
+from pdfem_mpi.kernels import bond_response, bond_sweeps, bond_tangent, point_table
+from pdfem_mpi.kernels.bond_failure import add_energies
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.peridynamics.bonds import Bonds
@@ -155,8 +155,8 @@ class BondForces:
             sweep = bond_tangent.add_tangent_series if self.series else bond_tangent.add_tangent_closed
             self.swept.add(bond_tangent.NAMES[sweep])
         else:
-            sweep = bond_forces.SWEEPS[self.bonds.finite, self.series, failure is not None]
-            self.swept.add(bond_forces.NAMES[sweep])
+            sweep = bond_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None]
+            self.swept.add(bond_sweeps.NAMES[sweep])
             limits = (failure.class_of, *failure.limits(self.bonds.finite, margin)) if failure else ()
             shared += (*limits, *failure.records) if failure else NOTHING_FAILS
         n_points = len(rows.start) - 1

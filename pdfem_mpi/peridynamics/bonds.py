@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.kernels.bond_densities import add_densities
-from pdfem_mpi.kernels.components import join_bonds
 from pdfem_mpi.kernels.rounding import start_sums
 from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.kernels.union_find import join_bonds
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.images import MAGNITUDES, Parity, halo_for
 from pdfem_mpi.peridynamics.points import Points, sums_table

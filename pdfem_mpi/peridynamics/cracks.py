@@ -6,7 +6,7 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.peridynamics import Crack, polygon_normal
-from pdfem_mpi.kernels.cracks import cut_rows
+from pdfem_mpi.kernels.bond_cuts import cut_rows
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.points import Points

@@ -70,9 +70,7 @@ class Remaining:
         return self.weights
 
 
-def local_damage(
-    comm, points: Points, bonds: Bonds, intact: np.ndarray, now: np.ndarray | None = None
-) -> np.ndarray:
+def local_damage(comm, points: Points, bonds: Bonds, intact: np.ndarray, now: np.ndarray | None = None) -> np.ndarray:
     """Local damage of the owned points (eq. 5). Collective.
 
     Parameters

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pdfem_mpi.kernels import failure
+from pdfem_mpi.kernels import bond_failure
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry, value
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest, sum_integers
@@ -48,7 +48,7 @@ class Failure:
     stretch : float64, shape (n_classes, n_classes)
         Critical stretch by the classes of the two points; at least `UNBREAKABLE` if the bond does not break.
     pairs, strengths, counter
-        Records of the sweep under way (see kernels/bond_forces.py).
+        Records of the sweep under way (see kernels/bond_sweeps.py).
     nearest : float, dimension length
         Bonds up to this length break like others, but do not tell at which load the next bond breaks.
     global_pairs : list of int64 arrays (n, 2)
@@ -108,7 +108,7 @@ class Failure:
         self.counter[0] = 0
         pairs, strengths = self.pairs[:n].copy(), self.strengths[:n].copy()
         energies = np.empty(n)
-        failure.broken_energies(pairs, strengths, n, S.reshape(-1), bonds.finite, energies)
+        bond_failure.broken_energies(pairs, strengths, n, S.reshape(-1), bonds.finite, energies)
         add_products(energies, np.ones(n), self._digits)
         self._enter(points, pairs, strengths)
 
@@ -166,7 +166,7 @@ class Failure:
 
         def top(nearest):
             of_rows = (
-                failure.largest_ratio(
+                bond_failure.largest_ratio(
                     *rows.arrays, S.reshape(-1), self.class_of, inverse, bonds.finite, nearest**2, most
                 )
                 for rows in bonds.rows
@@ -202,7 +202,7 @@ class Failure:
         wanted = _local_points(points, broken)
         for rows in bonds.rows:
             pairs, strengths = np.empty_like(wanted), np.empty(wanted.shape, np.float32)
-            n = failure.break_listed(wanted, *rows.arrays, bonds.finite, pairs, strengths)
+            n = bond_failure.break_listed(wanted, *rows.arrays, bonds.finite, pairs, strengths)
             if n:
                 self._enter(points, pairs[:n].copy(), strengths[:n].copy())
         if self.close(comm) != total:

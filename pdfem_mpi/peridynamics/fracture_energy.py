@@ -9,8 +9,8 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.kernels.fracture_energy import NO_LABEL, add_crossings
 from pdfem_mpi.kernels.hex8 import gauss_volumes
+from pdfem_mpi.kernels.plane_crossings import NO_LABEL, add_crossings
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.bonds import Bonds, total_bonds
 from pdfem_mpi.peridynamics.points import Points

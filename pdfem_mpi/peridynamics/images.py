@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.kernels.images import copy_images, return_images
+from pdfem_mpi.kernels.reflections import copy_images, return_images
 from pdfem_mpi.parallel.halo import Halo
 
 #: What travels, component by component: the axes whose reflection changes its sign.

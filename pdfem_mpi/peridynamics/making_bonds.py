@@ -12,8 +12,8 @@ from pdfem_mpi.body.materials import MaterialTable
 from pdfem_mpi.body.share import Subdomain
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels import families
-from pdfem_mpi.kernels.failure import add_noise
-from pdfem_mpi.kernels.images import share_own_images
+from pdfem_mpi.kernels.bond_failure import add_noise
+from pdfem_mpi.kernels.reflections import share_own_images
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.peridynamics.bonds import RESPONSE_CONSTANT, Bonds

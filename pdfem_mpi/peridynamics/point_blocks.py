@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.kernels.failure import add_broken_blocks
-from pdfem_mpi.kernels.preconditioner import add_point_blocks
+from pdfem_mpi.kernels.bond_failure import add_broken_blocks
+from pdfem_mpi.kernels.multigrid import add_point_blocks
 from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.failure import Broken
 from pdfem_mpi.peridynamics.images import MAGNITUDES, MIXED_PRODUCTS, halo_for
@@ -36,9 +36,7 @@ class PointBlocks:
     def take_out(self, points: Points, bonds: Bonds, broken: Broken) -> np.ndarray:
         """Subtract the stiffness of broken bonds; the owned points that lost some, int64. Collective."""
         lost = np.zeros((points.n_clusters, 6, 4), np.int64)
-        add_broken_blocks(
-            broken.pairs, broken.strengths, points.x, bonds.finite, self.pattern, lost.reshape(-1)
-        )
+        add_broken_blocks(broken.pairs, broken.strengths, points.x, bonds.finite, self.pattern, lost.reshape(-1))
         halo_for(points.halo, MAGNITUDES + MIXED_PRODUCTS).scatter_reverse(lost.reshape(-1, 2, 6, 4))
         lost = lost[: len(self.sums)]
         self.sums -= lost

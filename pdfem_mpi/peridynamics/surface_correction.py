@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pdfem_mpi.body.materials import MaterialTable
-from pdfem_mpi.kernels import surface_correction
+from pdfem_mpi.kernels import correction_sweeps
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.peridynamics.bonds import BULK_MODULUS, Bonds
@@ -29,16 +29,16 @@ def appendix_a(
     T[:, 0:3] = 1.0
     blocks = T.reshape(-1, 2, 9, W)
     # of Young's modulus 1
-    infinite_response = 1.0 if virial else surface_correction.INFINITE_RESPONSE * BULK_MODULUS
+    infinite_response = 1.0 if virial else correction_sweeps.INFINITE_RESPONSE * BULK_MODULUS
     target = np.repeat(infinite_response * materials.youngs_modulus[points.material[: points.n_owned]], 2)
     halo = halo_for(points.halo, MAGNITUDES)
     remaining = 0.0
     longest = max(1.0, 0.5 * bonds.cutoff) if virial else 1.0
-    for _ in range(surface_correction.SWEEPS):
+    for _ in range(correction_sweeps.SWEEPS):
         widest = float(largest(comm, np.array([T[:, 0:3].max(initial=0.0)]))[0])
         bound = bonds.strongest * widest * longest
-        _, quantum, _ = bonds.sum_over(surface_correction.add_responses, T, bound, points, MAGNITUDES, virial)
-        worst = surface_correction.update_factors(
+        _, quantum, _ = bonds.sum_over(correction_sweeps.add_responses, T, bound, points, MAGNITUDES, virial)
+        worst = correction_sweeps.update_factors(
             2 * points.n_owned, T.reshape(-1), integers, points.volume, quantum, target
         )
         remaining = float(largest(comm, np.array([worst]))[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pdfem_mpi.body.materials import MaterialTable
-from pdfem_mpi.kernels import surface_correction
+from pdfem_mpi.kernels import correction_sweeps
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.peridynamics.bonds import BULK_MODULUS, Bonds
 from pdfem_mpi.peridynamics.images import MAGNITUDES
@@ -34,10 +34,10 @@ def most_uneven_point(comm, points: Points, materials: MaterialTable, bonds: Bon
     T, integers = sums_table(points)
     T[:, 0:3] = 1.0  # the stored bonds have their factors
     bound = bonds.strongest * (max(1.0, 0.5 * bonds.cutoff) if virial else 1.0)
-    _, quantum, _ = bonds.sum_over(surface_correction.add_responses, T, bound, points, MAGNITUDES, virial)
+    _, quantum, _ = bonds.sum_over(correction_sweeps.add_responses, T, bound, points, MAGNITUDES, virial)
     owned = 2 * points.n_owned
     response = quantum * integers.reshape(-1, 9, W)[:owned, 6:9] / points.volume.reshape(-1, 1, W)[:owned]
-    infinite = 1.0 if virial else surface_correction.INFINITE_RESPONSE * BULK_MODULUS
+    infinite = 1.0 if virial else correction_sweeps.INFINITE_RESPONSE * BULK_MODULUS
     target = np.repeat(infinite * materials.youngs_modulus[points.material[: points.n_owned]], 2)
     off = np.abs(response / target[:, None, None] - 1.0).max(axis=1).reshape(-1)
     found = None

@@ -69,9 +69,7 @@ class BarStations:
         """
         end = np.max(np.abs(self.exact))
         if end == 0.0:
-            raise ValueError(
-                "the exact displacement of the bar is zero at every station: is its stress zero?"
-            )
+            raise ValueError("the exact displacement of the bar is zero at every station: is its stress zero?")
         return 100.0 * (np.asarray(self.displacement) - self.exact) / end
 
 
@@ -95,9 +93,7 @@ def axial_displacement(path: str | Path, stations: BarStations, title: str = "",
     """
     unit = f" ({as_it_is(units)})" if units else " (length units)"
     error = stations.error_percent
-    marker_size = float(
-        np.clip(400.0 / len(error), *MARKER_SIZES)
-    )  # smaller where stations lie close together
+    marker_size = float(np.clip(400.0 / len(error), *MARKER_SIZES))  # smaller where stations lie close together
     with matplotlib.rc_context(STYLE), replacing(path) as temporary:
         figure = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
@@ -205,9 +201,7 @@ def _draw_parts(panel: Axes, stations: BarStations, values: np.ndarray, marker_s
         of_part = np.asarray(stations.kind) == part
         if of_part.any():
             coordinate = np.asarray(stations.coordinate)[of_part]
-            panel.plot(
-                coordinate, values[of_part], linestyle="none", markersize=marker_size, label=part, **style
-            )
+            panel.plot(coordinate, values[of_part], linestyle="none", markersize=marker_size, label=part, **style)
 
 
 def _mark_interface(panel: Axes, stations: BarStations) -> None:
@@ -215,6 +209,4 @@ def _mark_interface(panel: Axes, stations: BarStations) -> None:
     if stations.interface is not None:
         panel.axvline(stations.interface, color="#555555", linestyle="--", linewidth=1.2, label="interface")
     if stations.overlap is not None:
-        panel.axvspan(
-            *stations.overlap, color="#009E73", alpha=0.3, linewidth=0, label="overlap (both models)"
-        )
+        panel.axvspan(*stations.overlap, color="#009E73", alpha=0.3, linewidth=0, label="overlap (both models)")

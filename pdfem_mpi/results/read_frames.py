@@ -39,9 +39,7 @@ def read_digest(path: str | Path, frames: int, entries: tuple[str, ...]) -> Fram
         present = int(steps.attrs["NSteps"])
         if not 0 <= frames <= present:
             raise ValueError(f"it has {present} frames, and {frames} when they were written")
-        moving = {
-            f"{kind}/{name}": table[:] for kind in KINDS for name, table in steps[f"{kind}Offsets"].items()
-        }
+        moving = {f"{kind}/{name}": table[:] for kind in KINDS for name, table in steps[f"{kind}Offsets"].items()}
         digest = FrameDigest()
         _add_static(digest, file, moving)
         rows = {"PointData": int(root["NumberOfPoints"][0]), "CellData": int(root["NumberOfCells"][0])}

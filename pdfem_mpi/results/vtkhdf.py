@@ -124,9 +124,7 @@ def append_frame(
         for kind, fields in (("PointData", point_data or {}), ("CellData", cell_data or {})):
             offsets = steps[kind + "Offsets"]
             if frame and set(fields) != set(offsets):
-                raise ValueError(
-                    f"{path}: frame {frame} has {kind} {sorted(fields)}, earlier frames {sorted(offsets)}"
-                )
+                raise ValueError(f"{path}: frame {frame} has {kind} {sorted(fields)}, earlier frames {sorted(offsets)}")
             for name, values in fields.items():
                 values = stored[f"{kind}/{name}"] = _rows(root, kind, name, values)
                 if frame == 0:
@@ -230,9 +228,7 @@ def _create(path, x, cells, cell_type, point_data, cell_data, precision, attribu
         steps.attrs["NSteps"] = np.int64(0)
         steps.create_dataset("Values", (0,), "f8", maxshape=(None,), chunks=(STEPS_PER_CHUNK,))
         for name, (shape, _) in STEP_ENTRIES.items():
-            steps.create_dataset(
-                name, (0, *shape), "i8", maxshape=(None, *shape), chunks=(STEPS_PER_CHUNK, *shape)
-            )
+            steps.create_dataset(name, (0, *shape), "i8", maxshape=(None, *shape), chunks=(STEPS_PER_CHUNK, *shape))
         for kind, fields in (("PointData", point_data), ("CellData", cell_data)):
             root.create_group(kind)
             steps.create_group(kind + "Offsets")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.kernels.surface_correction import SWEEPS
+from pdfem_mpi.kernels.correction_sweeps import SWEEPS
 from pdfem_mpi.model.model import Model
 
 

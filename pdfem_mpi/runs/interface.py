@@ -86,7 +86,10 @@ def run(
 
 
 def resume(
-    folder: str | Path, overrides: Mapping[str, Any] | None = None, *, comm: Any = None,
+    folder: str | Path,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    comm: Any = None,
     report: Callable[[str], None] | None = None,
 ) -> RunFolder:
     """Go on with the run of a folder from its newest sound checkpoint. Collective.

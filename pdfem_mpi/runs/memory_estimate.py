@@ -147,9 +147,7 @@ def _count_bonds(discretization: Discretization, cells: np.ndarray) -> tuple[flo
     centroids = (mesh.centroids - discretization.units.origin) / discretization.units.length
     half_edges = 0.5 * mesh.largest_edge / discretization.units.length * math.sqrt(3.0)
     reach = discretization.cutoff + 2.0 * half_edges
-    index, reflection, images = near_images(
-        discretization, centroids[with_points], centroids[cells], 2.0 * half_edges
-    )
+    index, reflection, images = near_images(discretization, centroids[with_points], centroids[cells], 2.0 * half_edges)
     tree = cKDTree(np.concatenate([centroids[with_points], images]))
     n_real = len(with_points)
     with_points = np.concatenate([with_points, with_points[index]])

@@ -199,9 +199,7 @@ def table_of(summary: dict[str, Any]) -> list[tuple[str, str]]:
     rows = [(name.replace("_", " "), show(sizes[name])) for name in large]
     rows.append(("other arrays", show(whole - sum(sizes[name] for name in large))))
     rows.append(("all arrays", show(whole)))
-    start, estimated, peak = (
-        sum(memory[f"{name}_bytes_per_rank"]) for name in ("before_set_up", "estimated", "peak")
-    )
+    start, estimated, peak = (sum(memory[f"{name}_bytes_per_rank"]) for name in ("before_set_up", "estimated", "peak"))
     rows.append(("peak above that before set-up", f"{show_bytes(peak - start)}, estimated {show_bytes(estimated)}"))
     if memory["bond_kernels"]:
         rows.append(("bond kernels called", "; ".join(memory["bond_kernels"])))
@@ -249,9 +247,7 @@ def left_out(scene: Scene, discretization: Discretization, failure: Failure | No
     if not discretization.has_stiffness.any():
         because("no cell is a finite element", "elements")
     if scene.solver.kind != "cg":
-        because(
-            f'solver.kind = "{scene.solver.kind}"', "intact_elements", "coarse_grid", "preconditioner_blocks"
-        )
+        because(f'solver.kind = "{scene.solver.kind}"', "intact_elements", "coarse_grid", "preconditioner_blocks")
     if isinstance(scene.stepping, Steps) and len(scene.stepping.load_factors) == 1:
         because("one load step: there is no earlier state to keep", "checkpoint_copy")
     if not (scene.output.fields or scene.probes):

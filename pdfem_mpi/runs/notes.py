@@ -118,9 +118,7 @@ def describe_taken(force: np.ndarray, unit: str) -> str:
 def headline(simulation: Simulation, sizes: dict[str, int], seconds: float) -> list[str]:
     """The line that opens a run, and one about its mirror planes."""
     scene, comm, counts = simulation.scene, simulation.comm, sizes
-    parts = [
-        f"{counts[name]:,} {name.replace('_', ' ')}" for name in ("elements", "points", "undirected_bonds")
-    ]
+    parts = [f"{counts[name]:,} {name.replace('_', ' ')}" for name in ("elements", "points", "undirected_bonds")]
     lines = [f"{scene.title or 'scene'}: {', '.join(parts)} on {comm.size} ranks, set up in {seconds:.1f} s"]
     if simulation.discretization.mirrors:
         lines.append(f"mirror planes {describe_mirrors(scene)}; forces and counts are those of this part")

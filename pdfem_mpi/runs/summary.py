@@ -136,18 +136,14 @@ def end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
         rows.append(("relative residual", f"{solve['relative_residual']:.2e}"))
         if solve["energy_error"] is not None:
             rows.append(("error in the energy norm, about", f"{solve['energy_error']:.2e}"))
-        rows.append(
-            ("net internal force, moment", f"{balance['force']:.1e}, {balance['moment']:.1e} of the sums")
-        )
+        rows.append(("net internal force, moment", f"{balance['force']:.1e}, {balance['moment']:.1e} of the sums"))
     length = scene.units.length
     for name, value in summary["probes"].items():
         unit = f" {length}" if isinstance(value, list) or name == "end_displacement" else ""
         text = ", ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else f"{value:.6g}"
         rows.append((name.replace("_", " "), text + unit))
     seconds = summary["seconds"]
-    rows.append(
-        ("seconds: set-up, solve, total", ", ".join(f"{seconds[k]:.1f}" for k in ("setup", "solve", "total")))
-    )
+    rows.append(("seconds: set-up, solve, total", ", ".join(f"{seconds[k]:.1f}" for k in ("setup", "solve", "total"))))
     rows.append(("peak memory per rank", f"{max(summary['memory']['peak_bytes_per_rank']) / 2**20:.0f} MiB"))
     return rows
 

@@ -108,9 +108,7 @@ class Relaxation:
         self.first = self.grown = 0.0
         self.root_share = np.sqrt(forces.model.share) if len(forces.model.rollers) else None
 
-    def evaluate(
-        self, state: State, external: np.ndarray, load: float, failure: Failure | None = None
-    ) -> Sums:
+    def evaluate(self, state: State, external: np.ndarray, load: float, failure: Failure | None = None) -> Sums:
         """Evaluate the forces, bonds breaking if a ``failure`` is given; ``load`` is the norm of ``external``.
 
         Raises

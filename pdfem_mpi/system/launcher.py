@@ -155,9 +155,7 @@ def find_mpirun() -> str | None:
 def is_open_mpi(mpirun: str) -> bool:
     """Return whether ``mpirun --version`` names Open MPI."""
     try:
-        answer = subprocess.run(
-            [mpirun, "--version"], capture_output=True, text=True, timeout=20, check=False
-        )
+        answer = subprocess.run([mpirun, "--version"], capture_output=True, text=True, timeout=20, check=False)
     except (OSError, subprocess.SubprocessError):
         return False
     return bool(re.search(r"open\s?mpi|open-rte|prte", answer.stdout + answer.stderr, re.IGNORECASE))
@@ -168,9 +166,7 @@ def on_one_node(environ: Environment = os.environ) -> bool:
     return all(environ.get(name, "1").strip() in ("", "1") for name in NODE_COUNT_VARIABLES)
 
 
-def open_mpi_needs(
-    ranks: int, environ: Environment = os.environ, is_root: bool | None = None
-) -> dict[str, str]:
+def open_mpi_needs(ranks: int, environ: Environment = os.environ, is_root: bool | None = None) -> dict[str, str]:
     """Return the variables Open MPI needs that the user has not set.
 
     Root has to be allowed twice; more ranks than cores have to be allowed; on one node probing for network

@@ -37,9 +37,7 @@ def test_nobody_else_unpacks_bonds(module):
     wrong = [
         f"line {node.lineno}: {text}"
         for node in ast.walk(TREES[module])
-        if isinstance(node, ast.Attribute)
-        and STORAGE.search(text := ast.unparse(node))
-        and (module, text) != ANSWERS
+        if isinstance(node, ast.Attribute) and STORAGE.search(text := ast.unparse(node)) and (module, text) != ANSWERS
     ]
     assert not wrong, wrong
 
@@ -60,4 +58,4 @@ def test_nobody_else_calls_sweeps_over_bonds(module):
 def test_the_sweeps_are_found():
     """The rule above would hold of nothing if no kernel took rows."""
     assert {"cut_rows", "fill_rows", "add_densities"} <= set().union(*SWEEPS.values())
-    assert "pdfem_mpi.kernels.bond_forces" in SWEEPS
+    assert "pdfem_mpi.kernels.bond_sweeps" in SWEEPS

@@ -140,7 +140,7 @@ CASES = (
         "fragments",
         "refused: what came apart, and how to follow it",
         refused(NOT_CONVERGED, "broken bonds", "came loose", "stepping.kind"),
-        ("stepping={kind=\"steps\", load_factors=[10.0]}",),
+        ('stepping={kind="steps", load_factors=[10.0]}',),
     ),
     Case(
         4,
@@ -148,7 +148,7 @@ CASES = (
         "fragments",
         "refused: what came apart, and how to follow it",
         refused(NOT_CONVERGED, "broken bonds", "came loose", "stepping.kind"),
-        ("loads=[]", PULLED_APART, "stepping={kind=\"steps\"}"),
+        ("loads=[]", PULLED_APART, 'stepping={kind="steps"}'),
         None,
     ),
     Case(
@@ -157,7 +157,7 @@ CASES = (
         "fragments",
         "the ramp ends where the body comes apart, below load factor 10",
         says(broken(None), "came apart"),
-        ("solver.kind=adr", "stepping={kind=\"ramp\", increment=1e-2, end_load_factor=10.0, report_every=50}"),
+        ("solver.kind=adr", 'stepping={kind="ramp", increment=1e-2, end_load_factor=10.0, report_every=50}'),
         (),
     ),
     # 5
@@ -499,7 +499,7 @@ CASES = (
         DIRECT,
         direct_solution(SINGLE),
         (
-            'mesh={lower=[0,0,0],upper=[7,1,1],spacing=1.0}',
+            "mesh={lower=[0,0,0],upper=[7,1,1],spacing=1.0}",
             'regions=[{name="elements",model="finite_elements",upper=[2,1,1]},{name="bonds",model="peridynamics",lower=[2,0,0]}]',
         ),
     ),
@@ -511,7 +511,7 @@ CASES = (
             DIRECT,
             direct_solution(SINGLE),
             (
-                'mesh={lower=[0,0,0],upper=[8,3,3],spacing=1.0}',
+                "mesh={lower=[0,0,0],upper=[8,3,3],spacing=1.0}",
                 'regions=[{name="elements",model="finite_elements",upper=[6,3,3]},{name="bonds",model="peridynamics",lower=[6,0,0]}]',
                 f"coupling.overlap={overlap}",
             ),
@@ -525,7 +525,7 @@ CASES = (
         "refused with the widest overlap",
         refused(BAD_DECK, "Use at most 5"),
         (
-            'mesh={lower=[0,0,0],upper=[8,3,3],spacing=1.0}',
+            "mesh={lower=[0,0,0],upper=[8,3,3],spacing=1.0}",
             'regions=[{name="elements",model="finite_elements",upper=[6,3,3]},{name="bonds",model="peridynamics",lower=[6,0,0]}]',
             "coupling.overlap=6",
         ),

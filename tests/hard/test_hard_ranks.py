@@ -13,9 +13,7 @@ from pdfem_mpi.stepping import follow_load_program, make_solver
 from support.bodies import build
 from support.helpers import ROOT, assert_all
 
-HELD = (
-    'supports=[{face="x-",x=0.0,y=0.0,z=0.0},{face="y-",y=0.0},{face="y+",y=0.0},{region="elements",z=0.0}]'
-)
+HELD = 'supports=[{face="x-",x=0.0,y=0.0,z=0.0},{face="y-",y=0.0},{face="y+",y=0.0},{region="elements",z=0.0}]'
 
 
 def rows(comm):

@@ -110,9 +110,7 @@ def test_ids_that_are_not_owned_once_are_refused_by_all(comm, fault):
         change = {"missing": ids[1:], "twice": np.append(ids, ids[0])}
         change |= {"outside": np.append(ids, 20), "negative": np.append(ids, -1)}
         ids = change.get(fault, ids)
-    rows = np.zeros(
-        len(ids) + (fault == "lengths" and comm.rank == 0), object if fault == "objects" else float
-    )
+    rows = np.zeros(len(ids) + (fault == "lengths" and comm.rank == 0), object if fault == "objects" else float)
     with pytest.raises(ValueError, match="gather_rows"):
         gather_rows(comm, ids, rows, 20)
 

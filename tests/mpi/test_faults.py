@@ -103,9 +103,7 @@ def test_every_start_has_another_number_of_ranks(folder, kind, length):
     sizes = [1, 2, 4, 3] if world.size >= 4 else [1, 2]
     for start in range(100):
         n = sizes[start % len(sizes)]
-        codes = on_ranks(
-            n, lambda comm: go(scene, comm, folder, requests=StopAt(length, comm.rank == comm.size - 1))
-        )
+        codes = on_ranks(n, lambda comm: go(scene, comm, folder, requests=StopAt(length, comm.rank == comm.size - 1)))
         assert_all(world, len(set(codes)) == 1, f"codes {codes}")
         if codes[0] != STOPPED:
             break

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pdfem_mpi.kernels import surface_correction
+from pdfem_mpi.kernels import correction_sweeps
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.surface_correction import appendix_a
 from support.bodies import build, make_scene
@@ -52,7 +52,7 @@ def correct(block, sweeps):
     key = id(block), sweeps
     if key not in CORRECTED:  # the block is kept too: its id stays its own
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(surface_correction, "SWEEPS", sweeps)
+            patch.setattr(correction_sweeps, "SWEEPS", sweeps)
             vectors, remaining = vectors_of(block)
         CORRECTED[key] = block, point_rows(vectors), remaining
     return CORRECTED[key][1:]
@@ -108,7 +108,7 @@ def test_a_run_makes_twenty_sweeps(block):
     """Appendix A as run: twenty sweeps, and the largest difference before the last of them is what is told."""
     model = build(make_scene((12, 12, 12)), loaded=False).model
     _, remaining = correct(block, 20)
-    assert surface_correction.SWEEPS == 20
+    assert correction_sweeps.SWEEPS == 20
     assert model.correction_remaining == remaining
 
 
@@ -161,6 +161,6 @@ def test_response_of_an_infinite_body():
     radial, _ = quad(lambda r: r**2 * math.exp(-(r**2)), 0.0, math.inf)
     angular, _ = quad(lambda n: n * (1.25 * n**2 - 0.25), 0.0, 1.0)
     both_halves = 2.0 * (2.0 * math.pi * angular) * radial
-    used = surface_correction.INFINITE_RESPONSE
+    used = correction_sweeps.INFINITE_RESPONSE
     assert used == pytest.approx(9 / math.pi * both_halves, rel=QUADRATURE)
     assert used == pytest.approx(2.991016, abs=5e-7)  # half of the last printed digit

@@ -49,9 +49,7 @@ def write_mesh(path, mesh, regions=None, faces=None, nodes=None):
         blocks += [("quad", np.asarray(rows, np.int64)) for rows in faces.values()]
         if path.suffix == ".inp":
             empty = np.empty(0, np.int64)
-            sets = {
-                name: [np.asarray(cells, np.int64), *(empty for _ in faces)] for name, cells in regions.items()
-            } | {
+            sets = {name: [np.asarray(cells, np.int64), *(empty for _ in faces)] for name, cells in regions.items()} | {
                 name: [empty, *(np.arange(len(rows)) if name == other else empty for other in faces)]
                 for name, rows in faces.items()
             }

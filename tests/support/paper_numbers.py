@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.kernels import surface_correction
+from pdfem_mpi.kernels import correction_sweeps
 from pdfem_mpi.peridynamics.bonds import BULK_MODULUS
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.surface_correction import appendix_a
@@ -126,17 +126,17 @@ def _appendix_a(full: bool) -> dict[str, Any]:
     """The surface correction of a block, sweep by sweep."""
     n = 12 if full else 6
     body = build(make_scene((n, n, n), correction="none"), loaded=False)
-    usual = surface_correction.SWEEPS
+    usual = correction_sweeps.SWEEPS
     left_over, vectors = {}, {}
     try:
         for sweeps in sorted({*(SWEEPS if full else FEW_SWEEPS), usual}):
-            surface_correction.SWEEPS = sweeps
+            correction_sweeps.SWEEPS = sweeps
             materials = body.discretization.materials
             flat, remaining = appendix_a(body.model.comm, body.model.points, materials, body.model.bonds)
             left_over[sweeps - 1] = float(remaining)
             vectors[sweeps] = point_rows(flat)
     finally:
-        surface_correction.SWEEPS = usual
+        correction_sweeps.SWEEPS = usual
     x = point_rows(body.model.points.x)
     depth = x + 0.5 * n
     axis = (np.abs(x[:, 1:] + 0.2113) < 0.01).all(axis=1) & (x[:, 0] < 0.0)
@@ -163,6 +163,6 @@ def _appendix_a(full: bool) -> dict[str, Any]:
         "g_c_face": float(after[face, 0]),
         "g_c_along": float(after[face, 1]),
         "g_c_corner": float(after[corner, 0]),
-        "g_infinite": float(surface_correction.INFINITE_RESPONSE),
+        "g_infinite": float(correction_sweeps.INFINITE_RESPONSE),
         **{f"left_{sweeps}": left_over[sweeps] for sweeps in (0, 5, 10, 20)},
     }

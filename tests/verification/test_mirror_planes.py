@@ -272,9 +272,7 @@ CRACKS = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", ["on the plane", "inclined", pytest.param("beyond the plane", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("name", ["on the plane", "inclined", pytest.param("beyond the plane", marks=pytest.mark.slow)])
 def test_cracks_are_mirrored_too(name):
     """The whole body has the crack and its mirror images: the same bonds are cut, also across the plane."""
     corners = np.array(CRACKS[name])

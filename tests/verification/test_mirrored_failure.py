@@ -3,7 +3,6 @@
 Oracle: the whole body. A plate with a crack on one mirror plane and across the other is pulled apart.
 """
 
-
 import numpy as np
 import pytest
 

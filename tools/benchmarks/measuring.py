@@ -20,7 +20,7 @@ from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import parse_deck
-from pdfem_mpi.kernels import bond_forces, bond_response, finite_elements
+from pdfem_mpi.kernels import bond_response, bond_sweeps, finite_elements
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
 from pdfem_mpi.kernels.rounding import pattern_for
@@ -265,8 +265,8 @@ def _finite_sweeps(forces: Forces, failure: Failure) -> Iterator[Callable[[], ob
     exact += failure.class_of, trigger, critical, *failure.records
     floats = forces.of_bonds.S.copy()
     floats[:, 6:9] = 0.0
-    yield lambda: over_rows(bond_forces.add_forces_series_failing, *exact)
-    yield lambda: over_rows(bond_forces.add_forces_closed_failing, *exact)
+    yield lambda: over_rows(bond_sweeps.add_forces_series_failing, *exact)
+    yield lambda: over_rows(bond_sweeps.add_forces_closed_failing, *exact)
     yield lambda: over_rows(ceilings.add_forces_plain_sums, floats.reshape(-1), table, float(trigger[0]))
 
 
@@ -281,7 +281,7 @@ def _measure_linear(case: dict, comm, seconds: float) -> dict:
 
     def sweep():
         for rows in model.bonds.rows:
-            bond_forces.add_forces_linear(0, len(rows.start) - 1, *rows.arrays, *table, *NOTHING_FAILS)
+            bond_sweeps.add_forces_linear(0, len(rows.start) - 1, *rows.arrays, *table, *NOTHING_FAILS)
 
     whole, alone = best(comm, lambda: forces.evaluate(u, nothing, force), sweep, seconds=2 * seconds)
     return _rates(bonds, comm.size, whole, alone)

@@ -18,7 +18,7 @@ from pdfem_mpi.deck.programs import Events, Solver
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import parse_deck, read_deck, write_deck
-from pdfem_mpi.kernels import failure as failure_kernels
+from pdfem_mpi.kernels import bond_failure as failure_kernels
 from pdfem_mpi.kernels.exact_sums import add_products
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS
 from pdfem_mpi.measure.bar import measure_bar

@@ -152,8 +152,18 @@ def _make_grids(comm, discretization: Discretization, cells: np.ndarray, points:
         clusters = slice(None) if n_bodies == 1 else np.flatnonzero(np.repeat(body[cells] == number, 2))
         own = (part[clusters].reshape(-1) for part in (x, volume))
         box = nodes.min(axis=0), nodes.max(axis=0)
-        yield clusters, make_factor_grid(
-            comm, *own, *box, edge, discretization.cutoff, slack[clusters].reshape(-1), omega, MOST_ENTRIES / n_bodies
+        yield (
+            clusters,
+            make_factor_grid(
+                comm,
+                *own,
+                *box,
+                edge,
+                discretization.cutoff,
+                slack[clusters].reshape(-1),
+                omega,
+                MOST_ENTRIES / n_bodies,
+            ),
         )
 
 

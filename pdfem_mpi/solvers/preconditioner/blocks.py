@@ -3,7 +3,6 @@
 A block is stored as its six entries xx, yy, zz, xy, yz, zx.
 """
 
-
 import numpy as np
 
 from pdfem_mpi.finite_elements.nodes import assemble

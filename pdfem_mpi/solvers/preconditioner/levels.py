@@ -30,9 +30,7 @@ class Factor:
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solution for one right-hand side, both of shape (n_unknowns,)."""
         x = np.empty_like(right)
-        x[self.order] = cho_solve_banded(
-            (self.entries, True), right[self.order], overwrite_b=True, check_finite=False
-        )
+        x[self.order] = cho_solve_banded((self.entries, True), right[self.order], overwrite_b=True, check_finite=False)
         return x
 
 

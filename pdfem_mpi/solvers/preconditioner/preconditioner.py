@@ -14,7 +14,7 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.finite_elements.nodes import local_nodes
-from pdfem_mpi.kernels.preconditioner import add_block_products, interpolate_to_points, restrict_points
+from pdfem_mpi.kernels.multigrid import add_block_products, interpolate_to_points, restrict_points
 from pdfem_mpi.kernels.rounding import pattern_for
 from pdfem_mpi.model.bounds import Bounds
 from pdfem_mpi.model.forces import Forces

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from pdfem_mpi.kernels.preconditioner import add_block_products
+from pdfem_mpi.kernels.multigrid import add_block_products
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.parallel.sums import exact_dots
 

@@ -12,7 +12,7 @@ from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.table import DeckError, SceneError
 from pdfem_mpi.deck.toml import parse_deck, write_deck
 from pdfem_mpi.finite_elements import elements as elements_module
-from pdfem_mpi.kernels.surface_correction import INFINITE_RESPONSE
+from pdfem_mpi.kernels.correction_sweeps import INFINITE_RESPONSE
 from pdfem_mpi.measure.bar import bar_results, measure_bar
 from pdfem_mpi.model.model import build_intact_elements
 from pdfem_mpi.peridynamics.bonds import count_by_material
@@ -496,6 +496,6 @@ def test_failure_of_a_material_without_bonds():
 @pytest.mark.parametrize("where", ["materials.steel", "interfaces.0"])
 def test_events_need_one_material_or_interface_that_fails(where):
     text = SOUND + '[solver]\nkind = "cg"\n[stepping]\nkind = "events"\n'
-    text = text.replace("x = 0.0\n", "x = 0.0\n[[supports]]\nface = \"x+\"\nx = 0.1\n")
+    text = text.replace("x = 0.0\n", 'x = 0.0\n[[supports]]\nface = "x+"\nx = 0.1\n')
     assert problems(text=text)[0].startswith('stepping.kind = "events" follows failure, and nothing says when')
     parse_deck(text, "bar.toml", (f"{where}.critical_stretch=0.01",))

@@ -190,9 +190,7 @@ def test_memory_counts_images(faces):
     assert rows == pytest.approx(sum(len(r.offset) - 1 for r in model.bonds.rows), rel=SAMPLING)
     alone = make_scene((24, 10, 2), 0, loads=())
     need = [
-        memory.estimate(s, d, cut_out(d, partition(d, 1), 0)).bytes
-        for s in (scene, alone)
-        for d in [discretize(s)]
+        memory.estimate(s, d, cut_out(d, partition(d, 1), 0)).bytes for s in (scene, alone) for d in [discretize(s)]
     ]
     assert need[0] > 1.05 * need[1]
 

@@ -150,9 +150,7 @@ def test_n_without_mpirun_is_a_sentence(stub, tmp_path):
     bare = tmp_path / "bin"
     bare.mkdir()
     (bare / "python").symlink_to(sys.executable)
-    code = (
-        f"import sys; sys.executable = {str(bare / 'python')!r}; sys.argv = ['pdfem', *sys.argv[1:]]\n" + STUB
-    )
+    code = f"import sys; sys.executable = {str(bare / 'python')!r}; sys.argv = ['pdfem', *sys.argv[1:]]\n" + STUB
     result = run_python("-c", code, "run", DECK, "-n", "2", PATH=str(bare))
     assert result.returncode == 64
     assert "there is no mpirun" in messages(result)[0]

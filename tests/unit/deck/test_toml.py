@@ -120,9 +120,7 @@ def test_written_deck_has_overrides_and_defaults():
     assert 'surface_correction = "appendix_a"' in text
 
 
-@pytest.mark.parametrize(
-    "title", ['a "quoted" one', "back\\slash", "Grüße, 破壊 🙂", "tab\tand\nline", "\x7f\x00"]
-)
+@pytest.mark.parametrize("title", ['a "quoted" one', "back\\slash", "Grüße, 破壊 🙂", "tab\tand\nline", "\x7f\x00"])
 def test_any_title_survives_writing(title):
     scene = parse_deck(SOUND, "x").model_copy(update={"title": title})
     assert parse_deck(write_deck(scene), "x").title == title
@@ -232,9 +230,7 @@ def test_path_that_no_file_can_have():
         read_deck("a\0b.toml")
 
 
-@pytest.mark.parametrize(
-    "text", ["mesh = [", "a = 1\na = 2", "just words", "x = " + "[" * 5000, "x = 1" + "0" * 5000]
-)
+@pytest.mark.parametrize("text", ["mesh = [", "a = 1\na = 2", "just words", "x = " + "[" * 5000, "x = 1" + "0" * 5000])
 def test_text_that_is_not_toml(text):
     message = only(text=text)
     assert "this is not a TOML file" in message

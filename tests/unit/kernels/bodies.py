@@ -108,9 +108,7 @@ def part(whole: Body, owned=None, finite=True, factor=None, cutoff=CUTOFF, numbe
             strongest,
             counts,
         )
-    bonds = Bonds(
-        interior, boundary, finite, cutoff, added, at_cluster, counts, *strongest.tolist()
-    )
+    bonds = Bonds(interior, boundary, finite, cutoff, added, at_cluster, counts, *strongest.tolist())
     return Part(points, bonds, point)
 
 

@@ -18,7 +18,7 @@ from unit.kernels.bodies import (
     table_rows,
 )  # fmt: skip
 
-from pdfem_mpi.kernels import bond_densities, bond_forces, bond_response, point_table
+from pdfem_mpi.kernels import bond_densities, bond_response, bond_sweeps, point_table
 from pdfem_mpi.kernels.bond_response import SERIES_LIMIT, SMALLEST_SQUARE
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE
@@ -27,12 +27,12 @@ from pdfem_mpi.peridynamics.rows import Rows
 pytestmark = pytest.mark.filterwarnings("ignore:overflow")  # numpy's integers warn as they wrap
 
 FINITE = {
-    "series": bond_forces.add_forces_series,
-    "closed": bond_forces.add_forces_closed,
-    "series failing": bond_forces.add_forces_series_failing,
-    "closed failing": bond_forces.add_forces_closed_failing,
+    "series": bond_sweeps.add_forces_series,
+    "closed": bond_sweeps.add_forces_closed,
+    "series failing": bond_sweeps.add_forces_series_failing,
+    "closed failing": bond_sweeps.add_forces_closed_failing,
 }
-LINEAR = {"linear": bond_forces.add_forces_linear, "linear failing": bond_forces.add_forces_linear_failing}
+LINEAR = {"linear": bond_sweeps.add_forces_linear, "linear failing": bond_sweeps.add_forces_linear_failing}
 SWEEPS = FINITE | LINEAR
 every_sweep = pytest.mark.parametrize("name", list(SWEEPS))
 finite_sweeps = pytest.mark.parametrize("name", list(FINITE))

@@ -84,9 +84,7 @@ def test_cells_at_one_place_are_divided_by_index():
 
 def test_a_plane_inside_a_layer_takes_the_cells_of_lowest_index():
     """3 x 3 cells in two parts: 4 of 9 cells, the first column and one cell of the second."""
-    np.testing.assert_array_equal(
-        bisect(grid(3, 3, 1), np.ones(9, dtype=np.int64), 2), [0, 0, 1, 0, 1, 1, 0, 1, 1]
-    )
+    np.testing.assert_array_equal(bisect(grid(3, 3, 1), np.ones(9, dtype=np.int64), 2), [0, 0, 1, 0, 1, 1, 0, 1, 1])
 
 
 @pytest.mark.parametrize("n_parts", [2, 4, 5, 8])

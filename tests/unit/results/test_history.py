@@ -51,9 +51,7 @@ def test_wall_seconds_is_always_the_last_column(path, columns):
     assert path.read_text() == HEADER
 
 
-@pytest.mark.parametrize(
-    "number", [0.1, 1 / 3, 5e-324, -1.7976931348623157e308, np.float64(2 / 3), np.float32(0.1)]
-)
+@pytest.mark.parametrize("number", [0.1, 1 / 3, 5e-324, -1.7976931348623157e308, np.float64(2 / 3), np.float32(0.1)])
 def test_floats_read_back_as_the_same_bits(path, number):
     history = History(path, COLUMNS)
     history.append(row(0, reaction=number))

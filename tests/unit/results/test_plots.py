@@ -37,9 +37,7 @@ def drawn(monkeypatch):
     """Collect the figures that are saved."""
     figures = []
     savefig = Figure.savefig
-    monkeypatch.setattr(
-        Figure, "savefig", lambda self, *a, **k: (figures.append(self), savefig(self, *a, **k))[1]
-    )
+    monkeypatch.setattr(Figure, "savefig", lambda self, *a, **k: (figures.append(self), savefig(self, *a, **k))[1])
     return figures
 
 
@@ -89,9 +87,7 @@ def test_panels_show_displacement_and_error_of_each_part(tmp_path, drawn, order)
             shown = shown[np.argsort(shown[:, 0])]
             np.testing.assert_array_equal(shown, np.stack([bar.coordinate, values], axis=1)[of_part])
         assert lines(upper)[part].get_color() == PARTS[part]["color"]
-    np.testing.assert_array_equal(
-        lines(upper)["exact solution"].get_xydata(), np.stack([bar.coordinate, bar.exact], 1)
-    )
+    np.testing.assert_array_equal(lines(upper)["exact solution"].get_xydata(), np.stack([bar.coordinate, bar.exact], 1))
 
 
 def test_interface_overlap_labels_and_legend(tmp_path, drawn):
@@ -117,18 +113,14 @@ def test_interface_overlap_labels_and_legend(tmp_path, drawn):
 
 @pytest.mark.parametrize("part", PARTS)
 def test_a_bar_of_one_part_has_no_interface(tmp_path, drawn, part):
-    axial_displacement(
-        tmp_path / "bar.png", coupled_bar(kind=np.full(21, part), interface=None, overlap=None)
-    )
+    axial_displacement(tmp_path / "bar.png", coupled_bar(kind=np.full(21, part), interface=None, overlap=None))
     assert legend(drawn[0]) == ["exact solution", part]
     assert drawn[0].axes[1].get_xlabel() == "position along the bar, $x$ (length units)"
 
 
 def test_all_text_stays_inside_the_picture(tmp_path, drawn):
     """The widest legend, and a title as long as a deck's may well be."""
-    axial_displacement(
-        tmp_path / "bar.png", coupled_bar(), "Bar under tension, coupled: 200 x 8 x 8 cells", "in"
-    )
+    axial_displacement(tmp_path / "bar.png", coupled_bar(), "Bar under tension, coupled: 200 x 8 x 8 cells", "in")
     (figure,) = drawn
     box = figure.get_tightbbox()
     width, height = figure.get_size_inches()

@@ -23,13 +23,9 @@ def path(tmp_path):
     return tmp_path / "summary.json"
 
 
-@pytest.mark.parametrize(
-    "unknown", [float("nan"), float("inf"), -np.inf, np.float64("nan"), np.float32("inf"), None]
-)
+@pytest.mark.parametrize("unknown", [float("nan"), float("inf"), -np.inf, np.float64("nan"), np.float32("inf"), None])
 def test_unknown_numbers_become_null_at_any_depth(path, unknown):
-    write_summary(
-        path, {"a": unknown, "b": [1.0, {"c": (unknown, 2.0)}], "d": np.array([unknown, 3.0], float)}
-    )
+    write_summary(path, {"a": unknown, "b": [1.0, {"c": (unknown, 2.0)}], "d": np.array([unknown, 3.0], float)})
     assert read(path) == {"a": None, "b": [1.0, {"c": [None, 2.0]}], "d": [None, 3.0]}
 
 

@@ -13,9 +13,7 @@ vtk = pytest.importorskip("vtk", reason="VTK's reader is the oracle of these tes
 from vtk.util.numpy_support import vtk_to_numpy  # noqa: E402
 
 TIMES = (0.25, 0.5, 1.0)
-CUBE = np.array(
-    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float
-)
+CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float)
 
 
 def positions():
@@ -64,9 +62,7 @@ def points_file(tmp_path):
 
 def append(path, time):
     """Append a frame in which every value tells its time."""
-    vtkhdf.append_frame(
-        path, time, {"u": displacement(time), "broken": np.full(7, int(4 * time))}, {"c": [time] * 7}
-    )
+    vtkhdf.append_frame(path, time, {"u": displacement(time), "broken": np.full(7, int(4 * time))}, {"c": [time] * 7})
 
 
 def assert_frames_are(path, expected):
@@ -96,9 +92,7 @@ def test_elements_are_hexahedra_of_positive_volume(tmp_path):
     path = tmp_path / "elements.vtkhdf"
     nodes = np.concatenate([CUBE, CUBE[[1, 2, 5, 6]] + [1, 0, 0]])
     cells = np.array([[0, 1, 2, 3, 4, 5, 6, 7], [1, 8, 9, 2, 5, 10, 11, 6]])
-    vtkhdf.create_elements(
-        path, nodes, cells, {"region": np.array([3, 5], dtype="i4")}, {"node": np.arange(12)}
-    )
+    vtkhdf.create_elements(path, nodes, cells, {"region": np.array([3, 5], dtype="i4")}, {"node": np.arange(12)})
     vtkhdf.append_frame(path, 1.0, {"u": displacement(1.0, 12)}, {"energy": np.array([0.5, 0.25])})
     grid = frame(path, 0)
     np.testing.assert_array_equal(vtk_to_numpy(grid.GetPoints().GetData()), nodes)
@@ -108,9 +102,7 @@ def test_elements_are_hexahedra_of_positive_volume(tmp_path):
     quality = vtk.vtkCellSizeFilter()
     quality.SetInputData(grid)
     quality.Update()
-    np.testing.assert_allclose(
-        fields(quality.GetOutput().GetCellData())["Volume"], 1.0, rtol=1e-12
-    )  # round-off
+    np.testing.assert_allclose(fields(quality.GetOutput().GetCellData())["Volume"], 1.0, rtol=1e-12)  # round-off
     assert fields(grid.GetCellData())["region"].tolist() == [3, 5]
     assert fields(grid.GetCellData())["energy"].tolist() == [0.5, 0.25]
     assert fields(grid.GetPointData())["node"].tolist() == list(range(12))
@@ -255,9 +247,7 @@ def test_cells_outside_the_nodes_are_refused_before_a_file_exists(tmp_path):
 def test_a_file_open_in_a_viewer_can_still_grow(points_file):
     append(points_file, TIMES[0])
     code = f"import h5py; f = h5py.File({str(points_file)!r}, 'r'); print('open', flush=True); input()"
-    viewer = subprocess.Popen(
-        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
+    viewer = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert viewer.stdout.readline() == "open\n"
         append(points_file, TIMES[1])

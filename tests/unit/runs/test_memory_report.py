@@ -141,8 +141,10 @@ def test_memory_shrinks_with_what_is_left_out(memory):
     assert held["finite"]["bond_lengths"] == held["linear"]["bond_strengths"] == held["finite"]["bond_strengths"]
     whole = {name: sum(parts.values()) for name, parts in held.items()}
     assert whole["finite elements, adr"] < 0.2 * whole["linear"]  # most of it the mesh and vectors
-    assert whole["linear"] < whole["linear, breaking"] == pytest.approx(
-        whole["linear"] + sum(held["linear, breaking"][part] for part in BREAKING), rel=0.05
+    assert (
+        whole["linear"]
+        < whole["linear, breaking"]
+        == pytest.approx(whole["linear"] + sum(held["linear, breaking"][part] for part in BREAKING), rel=0.05)
     )
     assert whole["coupled"] < whole["linear"]
 

@@ -50,9 +50,7 @@ def test_reported_residual_is_the_true_one():
     body, convergence = solved(make_scene((8, 3, 2), 4, solver="cg"), "cg")
     force = np.empty_like(body.state.u)
     body.forces.evaluate_surely(body.state.u, body.case.external, force)
-    assert convergence.residual == pytest.approx(
-        np.linalg.norm(force) / np.linalg.norm(body.case.external), rel=1e-6
-    )
+    assert convergence.residual == pytest.approx(np.linalg.norm(force) / np.linalg.norm(body.case.external), rel=1e-6)
     assert convergence.residual <= 1e-6
 
 

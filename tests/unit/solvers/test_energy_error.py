@@ -37,9 +37,7 @@ def test_estimate_against_the_true_energy_error(name):
 
     def solved(tolerance):
         body.state.u[:] = body.case.prescribed
-        found = cg.solve(
-            body.forces, body.state, body.case.external, body.case.fixed, tolerance, 200, preconditioner
-        )
+        found = cg.solve(body.forces, body.state, body.case.external, body.case.fixed, tolerance, 200, preconditioner)
         return body.state.u.copy(), found
 
     exact, _ = solved(EXACT)

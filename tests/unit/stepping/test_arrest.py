@@ -44,6 +44,7 @@ def test_a_ratio_that_does_not_move_settles_it():
 
 def test_what_the_ratio_may_still_move_by_decides():
     """A bond that it might bring to its limit is waited for: a quarter of the last move is left."""
+
     def near_limit(change):
         return 0.9989 + change > 0.999
 

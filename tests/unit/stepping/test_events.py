@@ -225,6 +225,7 @@ def test_load_that_stretches_nothing_is_named():
 
 def test_stagnation_is_named(monkeypatch):
     """A relaxation that gets nowhere after a break: the run stops and says where bonds broke last."""
+
     def nothing(forces, residual, fixed, goal, sweeps, preconditioner, step):
         step[:] = 0.0
         return 0.0, 0.0
@@ -382,5 +383,3 @@ def test_defaults_are_those_of_the_theory():
         "kind": "events", "eta": 1e-3, "inner_iterations": 8, "arrest_tolerance": 1e-3, "end_load_factor": None,
         "end_reaction": 0.05, "control": "load", "report_every": 10,
     }  # fmt: skip
-
-

@@ -29,9 +29,7 @@ def beside_python(tmp_path, monkeypatch):
     path.mkdir()
     monkeypatch.setattr(sys, "executable", str(beside / "python"))
     monkeypatch.setenv("PATH", f"{path}:/bin:/nowhere")
-    monkeypatch.setattr(
-        launch.shutil, "which", lambda name: str(path / name) if (path / name).exists() else None
-    )
+    monkeypatch.setattr(launch.shutil, "which", lambda name: str(path / name) if (path / name).exists() else None)
     return beside, path
 
 
@@ -121,9 +119,7 @@ def test_mpiexec_serves_where_mpirun_is_missing(beside_python):
 
 
 def test_no_mpirun_is_a_sentence_with_a_remedy(beside_python):
-    with pytest.raises(
-        launch.LaunchError, match=r"-n 2: there is no mpirun .* pip install 'pdfem_mpi\[mpich\]'"
-    ):
+    with pytest.raises(launch.LaunchError, match=r"-n 2: there is no mpirun .* pip install 'pdfem_mpi\[mpich\]'"):
         launch.mpirun_command(2)
 
 

@@ -143,7 +143,7 @@ def test_coordinates_beyond_all_use_are_refused(tmp_path):
     deck = f"""
 [mesh]
 kind = "file"
-path = "{tmp_path / 'big.inp'}"
+path = "{tmp_path / "big.inp"}"
 [material]
 youngs_modulus = 1000.0
 [[regions]]
@@ -164,7 +164,7 @@ x = 0.0
 def test_any_number_of_a_deck_in_the_extreme_is_a_scene_or_refused(value):
     """Each number of a deck in its turn: nothing but sentences, within two seconds."""
     numbers = ("1000.0", "0.25", "spacing = 1.0", "[4.0, 2.0, 2.0]", "[1.0, 0.0, 0.0]", "x = 0.0")
-    more = '\n[[cracks]]\npolygon = [[3.0, 0.0, 0.0], [3.0, 1.0, 0.0], [3.0, 1.0, 1.0]]\n'
+    more = "\n[[cracks]]\npolygon = [[3.0, 0.0, 0.0], [3.0, 1.0, 0.0], [3.0, 1.0, 1.0]]\n"
     more += '[[probes]]\nkind = "bar"\nstress = 7.0\n[stepping]\nload_factors = [0.5]\n'
     peridynamics = 'kinematics = "linear"\ninternal_length = 1.1\ncutoff_radius = 2.75'
     deck = TINY.replace('kinematics = "linear"', peridynamics).replace("0.25\n", "0.25\nfracture_energy = 3.5\n") + more

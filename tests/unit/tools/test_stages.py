@@ -23,9 +23,7 @@ def judged(tmp_path, *ranks, reason=""):
     for rank, outcomes in enumerate(ranks):
         reports.append(tmp_path / f"{rank}.xml")
         if outcomes is not None:
-            cases = "".join(
-                f'<testcase classname="t" name="{n}">{each}</testcase>' for n, each in enumerate(outcomes)
-            )
+            cases = "".join(f'<testcase classname="t" name="{n}">{each}</testcase>' for n, each in enumerate(outcomes))
             reports[-1].write_text(f"<testsuites><testsuite>{cases}</testsuite></testsuites>")
     result = stages.Result(reason=reason)
     stages.count(stages.Stage("stage", [], 1.0, reports), result)

@@ -106,9 +106,7 @@ def test_point_blocks_are_the_diagonal_of_the_stiffness():
         for entry, (a, b) in enumerate(pairs):
             u = np.zeros(model.n_unknowns)
             u[places[a]] = 1.0
-            assert -body.internal(u)[places[b]] == pytest.approx(
-                blocks[t, entry], abs=SINGLE * np.abs(blocks[t]).max()
-            )
+            assert -body.internal(u)[places[b]] == pytest.approx(blocks[t, entry], abs=SINGLE * np.abs(blocks[t]).max())
 
 
 def test_soft_and_fixed_directions_of_a_block_are_held():

@@ -5,7 +5,7 @@ import pytest
 
 from pdfem_mpi.deck.loads import Support, Traction
 from pdfem_mpi.deck.meshes import PlateWithHoleMesh
-from pdfem_mpi.kernels.preconditioner import add_block_products
+from pdfem_mpi.kernels.multigrid import add_block_products
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.solvers.preconditioner.preconditioner import OMEGA, make_preconditioner
 from pdfem_mpi.solvers.preconditioner.smoothing import PRODUCT, damping

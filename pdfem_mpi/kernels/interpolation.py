@@ -73,10 +73,6 @@ def lump(force_nodes, points, first_cell, connectivity, ratio):
 
 
 SIGNATURES = {
-    interpolate: types.void(
-        types.float64[:, :, ::1], types.int64, types.int32[:, ::1], types.float64[:, ::1]
-    ),
-    lump: types.void(
-        types.int64[:, ::1], types.int64[:, :, ::1], types.int64, types.int32[:, ::1], types.float64
-    ),
+    interpolate: types.void(types.float64[:, :, ::1], types.int64, types.int32[:, ::1], types.float64[:, ::1]),
+    lump: types.void(types.int64[:, ::1], types.int64[:, :, ::1], types.int64, types.int32[:, ::1], types.float64),
 }

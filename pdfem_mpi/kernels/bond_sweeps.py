@@ -388,9 +388,7 @@ NAMES = {
 _f8, _i8, _int = types.float64[::1], types.int64[::1], types.int64
 _rows = (_i8, types.uint32[::1], types.float32[::1])
 _records = (types.int64[:, ::1], types.float32[:, ::1], _i8)
-_sweep = _int(
-    _int, _int, *_rows, _f8, _i8, _f8, _f8, types.uint8[::1], _f8, types.float64[:, ::1], *_records
-)
+_sweep = _int(_int, _int, *_rows, _f8, _i8, _f8, _f8, types.uint8[::1], _f8, types.float64[:, ::1], *_records)
 SIGNATURES = {
     add_forces_series: _sweep,
     add_forces_closed: _sweep,

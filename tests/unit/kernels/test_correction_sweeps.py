@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from unit.kernels.bodies import W, add_at, body, layout, part, parts, stored_bonds, strengths, table_rows
 
-from pdfem_mpi.kernels import point_table, surface_correction
+from pdfem_mpi.kernels import correction_sweeps, point_table
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow")  # numpy's integers warn as they wrap
@@ -32,7 +32,7 @@ def responses(shares, factor, bound, virial=False):
         TI = T.view(np.int64).reshape(-1)
         point_table.reset_forces(TI, share.bonds.added + share.bonds.taken, integer_bits(pattern))
         for rows in share.bonds.rows:
-            surface_correction.add_responses(*rows.arrays, T.reshape(-1), TI, pattern, share.bonds.finite, virial)
+            correction_sweeps.add_responses(*rows.arrays, T.reshape(-1), TI, pattern, share.bonds.finite, virial)
         np.add.at(total, share.point, table_rows(T.view(np.int64), 6))
         assert (table_rows(T, 0) == factor[share.point]).all()
     return total, quantum
@@ -104,7 +104,7 @@ def test_infinite_response_is_its_integral():
     n = (np.arange(20_000) + 0.5) / 20_000
     radial = 9.0 / np.pi * (np.exp(-(r**2)) * r**2).sum() * 5e-4
     angular = 4.0 * np.pi * (n * ((1 + NU) * n**2 - NU)).mean()
-    assert abs(surface_correction.INFINITE_RESPONSE - radial * angular) < 1e-6  # midpoint rule
+    assert abs(correction_sweeps.INFINITE_RESPONSE - radial * angular) < 1e-6  # midpoint rule
 
 
 def updated(integers, factor, volume, n_clusters=None, quantum=2.0**-30, target=1.7):
@@ -114,7 +114,7 @@ def updated(integers, factor, volume, n_clusters=None, quantum=2.0**-30, target=
     T.view(np.int64)[:, 6:9] = integers
     before = T.copy()
     n_clusters = 3 if n_clusters is None else n_clusters
-    worst = surface_correction.update_factors(
+    worst = correction_sweeps.update_factors(
         n_clusters, T.reshape(-1), T.view(np.int64).reshape(-1), volume, quantum, np.full(3, target)
     )
     assert (T.view(np.int64)[:, 3:] == before.view(np.int64)[:, 3:]).all()
@@ -164,9 +164,9 @@ def test_twenty_sweeps_bring_the_responses_to_the_target(finite):
     """The iteration converges: largest deviation .7 before, below .02 after."""
     whole = body((4, 4, 3))
     share = part(whole, finite=finite)
-    factor, target = np.ones_like(whole.x), surface_correction.INFINITE_RESPONSE * 2 / 3
+    factor, target = np.ones_like(whole.x), correction_sweeps.INFINITE_RESPONSE * 2 / 3
     worst = []
-    for _ in range(surface_correction.SWEEPS + 1):
+    for _ in range(correction_sweeps.SWEEPS + 1):
         total, quantum = responses([share], factor, share.bonds.strongest * factor.max())
         G = total * quantum / whole.volume[:, None]
         worst.append(abs(G / target - 1).max())

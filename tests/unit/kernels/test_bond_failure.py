@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from unit.kernels.bodies import LONG, W, body, layout, part, parts, slots, stored_bonds, table_rows
 
-from pdfem_mpi.kernels import bond_forces, bond_response, failure, point_table
+from pdfem_mpi.kernels import bond_failure, bond_response, bond_sweeps, point_table
 from pdfem_mpi.kernels.exact_sums import SIZE, value
-from pdfem_mpi.kernels.preconditioner import add_point_blocks
+from pdfem_mpi.kernels.multigrid import add_point_blocks
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 
 ROUND_OFF = 1e-11  # relative: a few operations in float64 on differences of displacements, which cancel a little
@@ -73,7 +73,7 @@ def test_largest_ratio(finite, cells):
     ratios = s * inverse[of_point[pairs[:, 0]], of_point[pairs[:, 1]]]
     order = np.sort(ratios.astype(float))
     for most, expected in ((np.inf, order[-1]), (0.5 * (order[-1] + order[-2]), order[-2])):
-        found = failure.largest_ratio(
+        found = bond_failure.largest_ratio(
             *share.bonds.interior.arrays, table_of(share, u), class_of, inverse, finite, 0.0, most
         )
         assert found == pytest.approx(expected, rel=SINGLE if finite else ROUND_OFF)
@@ -91,8 +91,8 @@ def test_largest_ratio_passes_over_broken_bonds(finite):
     s = stretches(whole, u, pairs, finite)[0]
     order = np.argsort(s)
     worst = pairs[order[-1:]]
-    assert failure.break_listed(worst, *rows.arrays, finite, *records(1)) == 1
-    found = failure.largest_ratio(*rows.arrays, table, class_of, inverse, finite, 0.0, np.inf)
+    assert bond_failure.break_listed(worst, *rows.arrays, finite, *records(1)) == 1
+    found = bond_failure.largest_ratio(*rows.arrays, table, class_of, inverse, finite, 0.0, np.inf)
     assert found == pytest.approx(float(s[order[-2]]), rel=SINGLE if finite else ROUND_OFF)
 
 
@@ -107,7 +107,7 @@ def test_largest_ratio_of_the_longer_bonds(finite, cells):
     s, r0 = stretches(whole, u, pairs, finite)
     worst = r0[s.argmax()] * 1.001
     for nearest, counting in ((worst, r0 > worst), (0.0, r0 > 0.0), (2.0 * float(r0.max()), r0 < 0.0)):
-        found = failure.largest_ratio(
+        found = bond_failure.largest_ratio(
             *share.bonds.interior.arrays, table_of(share, u), class_of, inverse, finite, float(nearest) ** 2, np.inf
         )
         expected = float(s[counting].max()) if counting.any() else 0.0
@@ -122,7 +122,7 @@ def test_largest_ratio_is_the_same_bits_on_any_ranks(finite):
 
     def largest(shares):
         return max(
-            failure.largest_ratio(
+            bond_failure.largest_ratio(
                 *rows.arrays, table_of(s, u), np.zeros(s.points.n_clusters, np.uint8), inverse, finite, 0.0, np.inf
             )
             for s in shares
@@ -139,7 +139,7 @@ def summed(shares, u):
     digits = np.zeros(SIZE, np.int64)
     for share in shares:
         for rows in share.bonds.rows:
-            failure.add_energies(*rows.arrays, table_of(share, u), share.bonds.finite, digits)
+            bond_failure.add_energies(*rows.arrays, table_of(share, u), share.bonds.finite, digits)
     return value(digits)
 
 
@@ -167,7 +167,7 @@ def test_energy_is_what_the_forces_do_work_against(finite):
     whole = body(SMALL)
     share = part(whole, finite=finite)
     u = displaced(whole, 0.1 if finite else 1.0)
-    sweep = bond_forces.SWEEPS[finite, False, False]
+    sweep = bond_sweeps.SWEEPS[finite, False, False]
     quantum, pattern = pattern_for(share.bonds.strongest * 2.0**3)
     power = []
     for t in (0.0, 0.25, 0.5, 0.75, 1.0):
@@ -193,7 +193,7 @@ def test_energies_of_broken_bonds(finite, cells):
     pairs, numbers = np.stack([j, i], axis=1), np.zeros((len(i), 2), np.float32)
     numbers[:, : stored.shape[1]] = stored
     found = np.full(len(i) + 1, 9.0)
-    failure.broken_energies(pairs, numbers, len(i), table_of(share, u), finite, found)
+    bond_failure.broken_energies(pairs, numbers, len(i), table_of(share, u), finite, found)
     expected = energies(whole, u, share.point[pairs], stored, finite).astype(float)
     np.testing.assert_allclose(found[:-1], expected, rtol=2.0 * SINGLE if finite else ROUND_OFF)
     assert found[-1] == 9.0
@@ -217,7 +217,7 @@ def test_break_listed(finite, cells):
     wanted[::2] = wanted[::2, ::-1]
     stranger = np.array([[0, 0]])  # no bond joins a point with itself
     pairs, strengths = records(len(chosen) + 1)
-    count = failure.break_listed(np.concatenate([wanted, stranger]), *rows.arrays, finite, pairs, strengths)
+    count = bond_failure.break_listed(np.concatenate([wanted, stranger]), *rows.arrays, finite, pairs, strengths)
     assert count == len(chosen)
     assert (np.sort(pairs[:count], axis=1) == np.sort(wanted, axis=1)).all()
     assert (strengths[:count, : stored.shape[1]] == stored[chosen]).all()
@@ -226,7 +226,7 @@ def test_break_listed(finite, cells):
     assert (after[0] == i[left]).all()
     assert (after[1] == j[left]).all()
     assert (after[2] == stored[left]).all()
-    assert failure.break_listed(wanted, *rows.arrays, finite, *records(len(wanted))) == 0  # once only
+    assert bond_failure.break_listed(wanted, *rows.arrays, finite, *records(len(wanted))) == 0  # once only
 
 
 # --- blocks of broken bonds
@@ -258,9 +258,9 @@ def test_broken_blocks_are_what_the_blocks_lose(finite, cells):
         i, j, _ = slots(share, share.bonds.interior)
         wanted = np.stack([i, j], axis=1)[::3].copy()
         pairs, strengths = records(len(wanted))
-        assert failure.break_listed(wanted, *share.bonds.interior.arrays, finite, pairs, strengths) == len(wanted)
+        assert bond_failure.break_listed(wanted, *share.bonds.interior.arrays, finite, pairs, strengths) == len(wanted)
         lost = np.zeros_like(before).reshape(-1)
-        failure.add_broken_blocks(pairs, strengths, share.points.x, finite, pattern, lost)
+        bond_failure.add_broken_blocks(pairs, strengths, share.points.x, finite, pattern, lost)
         assert (before - lost.reshape(before.shape) == blocks(share, pattern)).all()
     assert (lost != 0).any()
 
@@ -271,7 +271,7 @@ def test_broken_blocks_are_what_the_blocks_lose(finite, cells):
 def add_noise(share, seed=SEED):
     with np.errstate(over="ignore"):
         for rows in share.bonds.rows:
-            failure.add_noise(*rows.arrays, share.points.cell_number, AMPLITUDE, seed, share.bonds.finite)
+            bond_failure.add_noise(*rows.arrays, share.points.cell_number, AMPLITUDE, seed, share.bonds.finite)
     return share
 
 

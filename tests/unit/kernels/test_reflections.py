@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.kernels import families
-from pdfem_mpi.kernels.images import copy_images, return_images, share_own_images
+from pdfem_mpi.kernels.reflections import copy_images, return_images, share_own_images
 from pdfem_mpi.mesh.mirrors import mirrors_at
 from pdfem_mpi.peridynamics.images import MAGNITUDES, MIXED_PRODUCTS, VECTOR, Images
 
@@ -117,7 +117,15 @@ def test_each_bond_across_mirror_planes_is_found_once(faces):
     arrays = (start, offset, data)
     material, counts = np.zeros(len(number), np.int16), np.zeros((1, 1), np.int64)
     families.fill_rows(
-        *arrays, flat, np.ones(4 * n_clusters), np.empty(0), np.ones((1, 1)), material, cutoff, True, np.zeros(2),
+        *arrays,
+        flat,
+        np.ones(4 * n_clusters),
+        np.empty(0),
+        np.ones((1, 1)),
+        material,
+        cutoff,
+        True,
+        np.zeros(2),
         counts,
     )
     share_own_images(*arrays, number, material, True, counts)

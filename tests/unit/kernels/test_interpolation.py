@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.kernels import hex8, overlap
+from pdfem_mpi.kernels import hex8, interpolation
 
 N_CELLS, FIRST, N_OVERLAP = 6, 2, 3
 
@@ -29,14 +29,14 @@ def displacements():
 def interpolated(u, cells):
     """A fresh table of sevens with the interpolated displacements in it."""
     table = np.full((2 * N_CELLS, 9, 4), 7.0)
-    overlap.interpolate(table, FIRST, cells, u)
+    interpolation.interpolate(table, FIRST, cells, u)
     return table
 
 
 def lumped(table, cells, ratio=1.0):
     """Node forces of a table of point forces."""
     force = np.zeros((16, 3), np.int64)
-    overlap.lump(force, table, FIRST, cells, ratio)
+    interpolation.lump(force, table, FIRST, cells, ratio)
     return force
 
 
@@ -105,7 +105,7 @@ def test_order_and_parts_do_not_change_a_bit(cells, n_parts):
     force = np.zeros((16, 3), np.int64)
     for part in np.array_split(np.arange(N_OVERLAP)[::-1], n_parts):
         for cell in part:
-            overlap.lump(force, table, FIRST + int(cell), cells[cell : cell + 1], 0.5)
+            interpolation.lump(force, table, FIRST + int(cell), cells[cell : cell + 1], 0.5)
     assert (force == lumped(table, cells, 0.5)).all()
 
 
@@ -113,7 +113,7 @@ def test_lump_adds(cells):
     """The forces of the elements are already there."""
     table = point_forces()
     force = np.full((16, 3), 5, np.int64)
-    overlap.lump(force, table, FIRST, cells, 1.0)
+    interpolation.lump(force, table, FIRST, cells, 1.0)
     assert (force == lumped(table, cells) + 5).all()
 
 

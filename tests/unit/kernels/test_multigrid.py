@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.kernels.hex8 import gauss_positions
-from pdfem_mpi.kernels.preconditioner import interpolate_to_points, restrict_points
+from pdfem_mpi.kernels.multigrid import interpolate_to_points, restrict_points
 from pdfem_mpi.mesh import generators
 from pdfem_mpi.peridynamics.clusters import cluster_layout
 
@@ -40,9 +40,7 @@ def test_restriction_is_the_adjoint_of_interpolation(mesh):
     restrict_points(cells, r, QUANTUM, sums)
     rounding = 24 * len(cells) * QUANTUM
     assert r @ z == pytest.approx((sums * QUANTUM * coarse).sum(), abs=rounding * np.abs(coarse).max())
-    np.testing.assert_allclose(
-        sums.sum(axis=0) * QUANTUM, r.reshape(-1, 3, 4).sum(axis=(0, 2)), rtol=0, atol=rounding
-    )
+    np.testing.assert_allclose(sums.sum(axis=0) * QUANTUM, r.reshape(-1, 3, 4).sum(axis=(0, 2)), rtol=0, atol=rounding)
 
 
 def test_the_order_of_cells_does_not_change_a_bit(mesh):
