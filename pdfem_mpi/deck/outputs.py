@@ -92,20 +92,32 @@ class Output(Table):
     ----------
     fields : bool
         ``points.vtkhdf`` and ``elements.vtkhdf``.
+    body : bool
+        ``body.vtkhdf`` too, all cells in one file, where there is peridynamics.
+    every : int, >= 1
+        A frame of the fields at every so many rows of the history, and at the last.
     figures : bool
     damage : bool
-        Local damage of the peridynamic points (eq. 5) in ``points.vtkhdf``.
+        Local damage of the peridynamic points (eq. 5) in ``points.vtkhdf``, its mean over a cell in ``body.vtkhdf``.
     """
 
     fields: bool = key(True)
+    body: bool = key(True)
+    every: int = key(1, ge=1)
     figures: bool = key(True)
     damage: bool = key(False)
 
     def problems(self) -> list[Problem]:
-        """A file for the damage to stand in."""
-        if self.damage and not self.fields:
-            return [Problem("damage", "= true is a field, and fields = false writes none. Change one of the two.")]
-        return []
+        """A file for the damage to stand in, and frames to count."""
+        if self.fields:
+            return []
+        problems = []
+        if self.damage:
+            problems += [Problem("damage", "= true is a field, and fields = false writes none. Change one of the two.")]
+        if self.every != 1:
+            text = f"= {self.every} counts frames of fields, and fields = false writes none. Remove it."
+            problems += [Problem("every", text)]
+        return problems
 
 
 class Checkpoint(Table):

@@ -18,6 +18,7 @@ from pdfem_mpi.results import vtkhdf
 from pdfem_mpi.results.labels import as_it_is, attempt
 from pdfem_mpi.results.ownership import Written
 from pdfem_mpi.results.plots import DPI, LEGEND, SIZE_INCHES, STYLE
+from pdfem_mpi.results.read_frames import frame_numbers
 from pdfem_mpi.system.files import replacing
 
 COLORS = {"stable": "#0072B2", "avalanche": "#D55E00", "work": "#000000"}
@@ -83,7 +84,8 @@ def draw_failure(
     draw("energies.png", _draw_energies, history, title, length, force)
     points = folder / "points.vtkhdf"
     if points.exists() and vtkhdf.frames(points) and "damage" in vtkhdf.frame_fields(points):
-        layer = _Layer(points)
+        layer, numbers = _Layer(points), frame_numbers(points)
+        history = numbers if "broken_bonds" in numbers else history  # files of earlier versions have a frame a row
         draw("damage.png", _draw_stages, layer, history, title, length)
         if film:
             draw("damage.gif", _draw_film, layer, history, title, length)

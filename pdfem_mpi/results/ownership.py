@@ -21,7 +21,8 @@ from pdfem_mpi.system.plain_files import open_plain, read_plain, strange_kind
 RECORD = "run.files"
 _FIRST_LINE = "pdfem_mpi run: files that the program wrote, and may replace or remove"
 DECK = "deck.toml"
-RESULTS = ("history.csv", "points.vtkhdf", "elements.vtkhdf", "run.log")
+_FIRST_RESULTS = ("history.csv", "points.vtkhdf", "elements.vtkhdf", "run.log")
+RESULTS = (*_FIRST_RESULTS, "body.vtkhdf")
 SUMMARY = "summary.json"
 #: Written while the lock is held, and continued from start to start.
 STARTS = "starts.jsonl"
@@ -227,7 +228,7 @@ def _names_before_records(folder: Path) -> tuple[set[str], set[str]]:
     """What a run folder without a record has of the program: names, and digests of its deck."""
     if not is_run(folder):
         return set(), set()
-    names = {*RESULTS, SUMMARY, *(f"figures/{name}" for name in _FIGURES)}
+    names = {*_FIRST_RESULTS, SUMMARY, *(f"figures/{name}" for name in _FIGURES)}
     for name in _lines_of(folder / DECK):
         names |= {f"lines/{name}.csv", f"figures/line_{name}.png"}
     digest = _object(folder / SUMMARY).get("deck_sha256")

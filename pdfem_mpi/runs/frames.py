@@ -15,6 +15,8 @@ from pdfem_mpi.results.frame_digest import FrameDigest
 from pdfem_mpi.runs.output import Output, Place
 
 HISTORY_FILE, POINTS_FILE, ELEMENTS_FILE = "history.csv", "points.vtkhdf", "elements.vtkhdf"
+#: Columns of history.csv that a frame has as well.
+NUMBERS = ("load_factor", "reaction", "broken_bonds")
 
 
 class FramesOutput(Output):
@@ -29,6 +31,11 @@ class FramesOutput(Output):
     pick : callable
         The displacements of its places in `Fields`.
     has_damage : bool
+
+    Attributes
+    ----------
+    row : int
+        Rows of the history so far: the number of the last is the time of its frame, so that time always rises.
     """
 
     def __init__(self, name: str, create: Callable[[Place, Path], None], pick: Callable[[Fields], np.ndarray | None],
@@ -37,27 +44,53 @@ class FramesOutput(Output):
         self.name, self.create, self.pick, self.has_damage = name, create, pick, has_damage
         self.path: Path
         self.digest: FrameDigest
+        self.row, self.every = 0, 1
+        self._waiting: tuple[dict[str, Any], Fields | None, np.ndarray | None] | None = None
 
     def open(self, place: Place) -> None:
         from pdfem_mpi.results import vtkhdf
+        from pdfem_mpi.results.read_frames import has_numbers
 
+        self.row, self.every = place.cursors.get(HISTORY_FILE, {}).get("rows", 0), place.scene.output.every
         self.path = place.written.new(self.name)
         if place.other_fields:
             set_aside(self.path, "output was changed", place.note, "before")
         cursor = None if place.other_fields else place.cursors.get(self.name)
         digest = None if cursor is None else continue_frames(self.path, cursor, place.note)
+        if digest is not None and not has_numbers(self.path):
+            set_aside(self.path, "its frames are those of an older version", place.note, "before")
+            digest = None
         if digest is None:
             self.create(place, self.path)
             digest = vtkhdf.digest_of(self.path)
         self.digest = digest
 
     def write(self, columns: dict[str, Any], fields: Fields | None, damage: np.ndarray | None) -> None:
-        from pdfem_mpi.results import vtkhdf
+        self.row += 1
+        self._waiting = columns, fields, damage
+        if (self.row - 1) % self.every == 0:
+            self._append()
 
+    def close(self, place: Place) -> None:
+        self._append()  # the last row, whatever its number is
+
+    def arrays(self, fields: Fields | None, damage: np.ndarray | None) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Fields of a frame on points or nodes, and on cells."""
         arrays = {"displacement": self.pick(fields)}
         if damage is not None and self.has_damage:
             arrays["damage"] = damage
-        vtkhdf.append_frame(self.path, columns["load_factor"], arrays, digest=self.digest)
+        return arrays, {}
+
+    def _append(self) -> None:
+        """Append the frame of the last row, if it is not there already."""
+        from pdfem_mpi.results import vtkhdf
+
+        if self._waiting is None:
+            return
+        columns, fields, damage = self._waiting
+        numbers = {name: columns[name] for name in NUMBERS if name in columns}
+        vtkhdf.append_frame(self.path, self.row, *self.arrays(fields, damage), numbers, self.digest)
+        self._waiting = None
 
 
 def create_points(place: Place, path: Path) -> None:
@@ -72,7 +105,7 @@ def create_points(place: Place, path: Path) -> None:
         "material": np.repeat(discretization.material[chosen], 8),
         "overlap": np.repeat(discretization.is_overlap[chosen], 8),
     }
-    vtkhdf.create_points(path, point_positions(discretization), data, attributes=_identity(place))
+    vtkhdf.create_points(path, point_positions(discretization), data, attributes=identity_of(place))
 
 
 def create_elements(place: Place, path: Path) -> None:
@@ -90,9 +123,10 @@ def create_elements(place: Place, path: Path) -> None:
             "material": discretization.material[cells],
             "overlap": discretization.is_overlap[cells],
         },
-        attributes=_identity(place),
+        attributes=identity_of(place),
     )
 
 
-def _identity(place: Place) -> dict[str, str]:
+def identity_of(place: Place) -> dict[str, str]:
+    """What a file says of the run that it is of."""
     return {"pdfem_mpi_version": __version__, "deck_sha256": place.deck_sha256}

@@ -20,6 +20,7 @@ from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.results.cursor import continue_history, flushed
 from pdfem_mpi.results.history import History
 from pdfem_mpi.results.labels import attempt
+from pdfem_mpi.runs.body_frames import BodyFrames
 from pdfem_mpi.runs.frames import (
     ELEMENTS_FILE,
     HISTORY_FILE,
@@ -113,6 +114,8 @@ def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
         outputs.frames.append(FramesOutput(POINTS_FILE, create_points, lambda fields: fields.u_points, True))
     if place.scene.output.fields and discretization.has_nodes.any():
         outputs.frames.append(FramesOutput(ELEMENTS_FILE, create_elements, lambda fields: fields.u_nodes))
+    if place.scene.output.fields and place.scene.output.body and discretization.has_points.any():
+        outputs.frames.append(BodyFrames())
     outputs.probes += [OF_PROBE[type(probe)](probe) for probe in place.scene.probes]
     return outputs
 
