@@ -13,7 +13,7 @@ import functools
 from collections.abc import Callable
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pdfem_mpi.deck.loads import (
     Load,
@@ -50,6 +50,7 @@ from pdfem_mpi.deck.programs import (
     check_failure,
     check_something_loads,
     check_stepping_solver,
+    with_solver,
 )
 from pdfem_mpi.deck.regions import (
     Region,
@@ -64,6 +65,11 @@ from pdfem_mpi.deck.table import FieldMissing, Problem, Table, Units, key
 
 class Scene(Table):
     """What to simulate, complete and frozen; the whole deck.
+
+    Attributes
+    ----------
+    title : str
+        Above figures and tables.
 
     Raises
     ------
@@ -89,6 +95,11 @@ class Scene(Table):
     probes: tuple[Probe, ...] = key(())
     output: Output = Field(default_factory=Output)
     checkpoint: Checkpoint = Field(default_factory=Checkpoint)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _choose_solver(cls, data: Any) -> Any:
+        return with_solver(data)
 
     def problems(self) -> list[Problem]:
         """What ``CHECKS`` find between the tables."""

@@ -117,7 +117,13 @@ class Absent:
 
 
 class Units(Table):
-    """Names of the units, for labels only; nothing is converted. Deck table ``[units]``."""
+    """Names of the units, for labels only; nothing is converted. Deck table ``[units]``.
+
+    Attributes
+    ----------
+    length, force : str
+        Such as "mm" and "N"; stresses are then in force / length^2.
+    """
 
     length: str = key("")
     force: str = key("")

@@ -140,7 +140,7 @@ def test_without_peridynamics_there_are_no_bonds():
     ("deck", "overrides"),
     [
         ("bar_pd.toml", (*HALF_AS_LONG, 'peridynamics.kinematics="finite"')),
-        ("bar_tension.toml", ()),
+        ("bar_tension_relaxed.toml", ()),
     ],
 )
 def test_the_estimate_is_near_what_becomes_resident(deck, overrides):
