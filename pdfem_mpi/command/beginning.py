@@ -1,4 +1,4 @@
-"""`pdfem init`: a commented deck to begin with, the schema by which editors know its keys, and a mesh where it needs one."""
+"""`pdfem init`: a commented deck to begin with, the schema by which editors know its keys, its mesh if it has one."""
 
 from __future__ import annotations
 

@@ -84,7 +84,9 @@ def _plain(value: Any) -> Any:
         else:
             plain["anyOf" if name == "oneOf" else name] = _plain(item)
     given = [item for item in plain.get("anyOf", ()) if item.get("type") != "null"]
-    return plain | given[0] if plain.pop("anyOf", None) and len(given) == 1 else plain | ({"anyOf": given} if given else {})
+    if plain.pop("anyOf", None):
+        plain |= given[0] if len(given) == 1 else {"anyOf": given}
+    return plain
 
 
 def _first_sentence(model: type[Table]) -> str:

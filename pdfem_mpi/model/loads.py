@@ -162,6 +162,34 @@ def _sum_loads(
     return on_cells, on_nodes, on_points
 
 
+def resultant_of(
+    scene: Scene, discretization: Discretization, index: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The force of one load of the deck, its cells and its nodes.
+
+    Returns
+    -------
+    float64, shape (3,), dimension force
+        In the deck's units.
+    bool, shapes (n_cells,) and (n_mesh_nodes,)
+        Cells with a force per volume or on their points, and nodes with a force.
+
+    Raises
+    ------
+    SceneError
+    """
+    alone, messages = scene.model_copy(update={"loads": (scene.loads[index],)}), []
+    fitted = scene.peridynamics.surface_correction == "fitted"
+    on_cells, on_nodes, on_points = _sum_loads(alone, discretization, fitted, messages)
+    if messages:
+        raise SceneError(messages)
+    cells = np.flatnonzero(on_cells.any(axis=1))
+    volumes = gauss_volumes(discretization.nodes[discretization.mesh.cells[cells]]).sum(axis=1)
+    total = volumes @ on_cells[cells] + on_nodes.sum(axis=0) + on_points.sum(axis=(0, 1))
+    has_force = on_cells.any(axis=1) | on_points.any(axis=(1, 2))
+    return total * discretization.units.force, has_force, on_nodes.any(axis=1)
+
+
 def without_loads_on_loose_parts(model: Model, case: LoadCase) -> tuple[LoadCase, list[UnsupportedPart]]:
     """The load case less the loads of parts that no equilibrium holds now; those parts. Collective."""
     rows, parts = without_equilibrium(model, case.fixed, case.external)

@@ -77,6 +77,12 @@ def is_run(folder: Path) -> bool:
     return (folder / DECK).is_file() and bool(begun or logged)
 
 
+def is_checkpoint(path: Path) -> bool:
+    """Return whether a file has a checkpoint's name, and begins as this program's checkpoints do."""
+    named = _CHECKPOINT.fullmatch(path.name) and not path.is_symlink()
+    return bool(named) and _starts_with(path, b"pdfem_mpi checkpoint\n")
+
+
 def is_study(folder: Path) -> bool:
     """Return whether a folder holds a study's table."""
     with contextlib.suppress(OSError, csv.Error, ValueError):
@@ -163,6 +169,10 @@ class Written:
         if self.is_new:
             with contextlib.suppress(OSError):
                 (self.folder / RECORD).unlink()
+
+    def has(self, name: str) -> bool:
+        """Return whether the program wrote a file of this name."""
+        return name in self._names
 
     def new(self, name: str) -> Path:
         """Return the path of a file that is about to be written; what is there and is not the program's steps aside."""

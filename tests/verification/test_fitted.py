@@ -23,7 +23,7 @@ from pdfem_mpi.peridynamics.clusters import cluster_layout
 from pdfem_mpi.peridynamics.fit import equations as bond_factors
 from pdfem_mpi.peridynamics.fit import fit as body_fit
 from pdfem_mpi.peridynamics.fit.areas import area_vectors, find_boundary
-from pdfem_mpi.runs.prepare import check_scene
+from pdfem_mpi.runs.checking import check_scene
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner

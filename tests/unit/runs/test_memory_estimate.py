@@ -19,7 +19,7 @@ from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.model.model import build_model
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs import memory_estimate as memory
-from pdfem_mpi.runs.prepare import check_scene
+from pdfem_mpi.runs.checking import check_scene
 from pdfem_mpi.runs.run import run
 from support.bodies import make_scene
 from support.helpers import ROOT, run_python

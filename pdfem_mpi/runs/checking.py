@@ -1,0 +1,61 @@
+"""`pdfem check`: a scene is made as a run would make it, and told in a table."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pdfem_mpi.body.share import partition
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.peridynamics.fit.fit import EXPECTED_SWEEPS, SWEEP_RATE
+from pdfem_mpi.runs.memory_estimate import show_bytes
+from pdfem_mpi.runs.memory_report import features_of
+from pdfem_mpi.runs.prepare import count_sizes, describe_mirrors, prepare, warm_up
+from pdfem_mpi.runs.understanding import describe, describe_ranks, understand
+
+
+def check_scene(scene: Scene, comm, ranks: int | None = None) -> dict[str, str]:
+    """What was understood of a scene, and what a run would take, by name. Collective.
+
+    Parameters
+    ----------
+    ranks : int, optional
+        Ranks that a run would have, where it is not those that are here.
+
+    Raises
+    ------
+    SceneError
+        For all that a run would refuse; also when it would not fit into memory.
+    """
+    discretization, need = prepare(scene, comm)
+    owner = partition(discretization, ranks) if ranks else None
+    warm_up(comm, features_of(scene))
+    found = understand(scene, discretization, comm)
+    sizes, quality = count_sizes(discretization, None), discretization.quality
+    bonds, total = sum_integers(comm, np.array([int(need.bonds), int(need.bytes)]))
+    return {
+        **({"mirror planes": describe_mirrors(scene)} if discretization.mirrors else {}),
+        "cells": f"{len(discretization.mesh.cells)}",
+        **({"of the mesh file": "; ".join(discretization.notes)} if discretization.notes else {}),
+        "nodes": f"{sizes['nodes']}",
+        "edges of cells": f"{quality.shortest_edge:.4g} to {quality.longest_edge:.4g}",
+        "smallest scaled Jacobian": f"{quality.smallest_scaled_jacobian:.4g}",
+        "smallest Gauss volume": f"{quality.smallest_gauss_volume:.4g}",
+        "elements": f"{sizes['elements']}",
+        "points": f"{sizes['points']}",
+        "undirected bonds, about": f"{bonds:.3g}",
+        "memory, about": f"{show_bytes(total)} in all, of the largest rank "
+        f"{show_bytes(float(largest(comm, np.array([need.bytes]))[0]))}",
+        **_fit_cost(scene, bonds, comm.size),
+        **({} if owner is None else {"ranks": describe_ranks(owner, discretization, ranks)}),
+        **dict(describe(scene, discretization, found)),
+    }
+
+
+def _fit_cost(scene: Scene, bonds: int, ranks: int) -> dict[str, str]:
+    """What the fit of bond factors would take."""
+    if not bonds or scene.peridynamics.surface_correction != "fitted":
+        return {}
+    sweeps = EXPECTED_SWEEPS[scene.peridynamics.signs]
+    seconds = sweeps * bonds / (SWEEP_RATE * ranks)
+    return {"fit of bond factors, about": f"{sweeps} sweeps, {seconds:.2g} s unless it is found from before"}
