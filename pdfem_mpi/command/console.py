@@ -118,6 +118,12 @@ def print_at_once(text: str) -> None:
     print(text, flush=True)
 
 
+def show_progress(text: str, done: bool) -> None:
+    """Rewrite a line of a terminal; say nothing where standard output is a file or a pipe."""
+    if sys.stdout.isatty():
+        print("\r" + text, end="\n" if done else "", flush=True)
+
+
 def print_problems(messages: Iterable[str], rank: int) -> None:
     if rank == 0:
         sys.stdout.flush()

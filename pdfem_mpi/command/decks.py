@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from pdfem_mpi.command.beginning import TEMPLATES, NotBegun, begin, schema_text
-from pdfem_mpi.command.console import fail, print_problems
+from pdfem_mpi.command.console import fail, print_at_once, print_problems
 from pdfem_mpi.deck.table import did_you_mean
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_NOT_WRITTEN
 
@@ -39,14 +39,14 @@ def init(name: NameArgument, template: FromOption = "bar") -> int:
         return EXIT_NOT_WRITTEN
     deck = next(path for path in files if path.suffix == ".toml")
     for path in files:
-        print(f"wrote {path}")
-    print(f"next: pdfem check {quoted(deck)}, pdfem run {quoted(deck)}")
+        print_at_once(f"wrote {path}")
+    print_at_once(f"next: pdfem check {quoted(deck)}, pdfem run {quoted(deck)}")
     return EXIT_FINISHED
 
 
 def schema() -> int:
     """Print the JSON schema of decks, for editors: pdfem schema > pdfem-schema.json."""
-    print(schema_text(), end="")
+    print_at_once(schema_text().rstrip())
     return EXIT_FINISHED
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from pdfem_mpi.command import options
-from pdfem_mpi.command.console import fail, print_problems
+from pdfem_mpi.command.console import fail, print_at_once, print_problems
 from pdfem_mpi.system import launcher as launch
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_NOT_WRITTEN
 
@@ -54,7 +54,7 @@ def export(
         print_problems([f"pdfem: {error.filename or out}: {error.strerror or error}. Choose another folder."], 0)
         return EXIT_NOT_WRITTEN
     shown = [path for path in paths if path.suffix != ".vtu"]
-    print(f"{len(paths):,} files in {out}; open {', '.join(path.name for path in shown)}")
+    print_at_once(f"{len(paths):,} files in {out}; open {', '.join(path.name for path in shown)}")
     return EXIT_FINISHED
 
 
@@ -73,27 +73,27 @@ def clean(
     except NotCleaned as error:
         raise fail([f"pdfem: {error}"], 0) from None
     for path in removable.kept:
-        print(f"{path}  stays: it is not what pdfem wrote")
+        print_at_once(f"{path}  stays: it is not what pdfem wrote")
     for path, size in removable.files[:MOST_SHOWN]:
-        print(f"{path}  {size / 1e6:.1f} MB")
+        print_at_once(f"{path}  {size / 1e6:.1f} MB")
     if len(removable.files) > MOST_SHOWN:
-        print(f"and {len(removable.files) - MOST_SHOWN:,} more")
+        print_at_once(f"and {len(removable.files) - MOST_SHOWN:,} more")
     if not removable.files:
-        print("there is nothing to remove")
+        print_at_once("there is nothing to remove")
         return EXIT_FINISHED
     count = "this file" if len(removable.files) == 1 else f"these {len(removable.files):,} files"
     total = sum(size for _, size in removable.files) / 1e6
     try:
         if not yes and not typer.confirm(f"remove {count} ({total:.1f} MB)?"):
-            print("nothing was removed")
+            print_at_once("nothing was removed")
             return EXIT_FINISHED
     except typer.Abort:
-        print("\nnothing was removed: nobody answered. Say --yes where nobody can.")
+        print_at_once("\nnothing was removed: nobody answered. Say --yes where nobody can.")
         return EXIT_FINISHED
     try:
         free = remove(removable)
     except OSError as error:
         print_problems([f"pdfem: {error.filename} cannot be removed ({error.strerror})."], 0)
         return EXIT_NOT_WRITTEN
-    print(f"{free / 1e6:.1f} MB are free")
+    print_at_once(f"{free / 1e6:.1f} MB are free")
     return EXIT_FINISHED

@@ -40,12 +40,6 @@ def frame_rows(path: str | Path) -> np.ndarray:
         return times.astype(np.int64) - 1 if root.get("FieldData") else np.arange(len(times))
 
 
-def has_numbers(path: str | Path) -> bool:
-    """Whether the file is of a version that keeps the numbers of its frames."""
-    with h5py.File(path, "r", locking=False) as file:
-        return "FieldData" in file["VTKHDF"]
-
-
 def read_digest(path: str | Path, frames: int, entries: tuple[str, ...]) -> FrameDigest:
     """Digest of a file and its first frames, read as a viewer reads it.
 

@@ -156,6 +156,12 @@ def frames(path: str | Path) -> int:
         return int(file["VTKHDF/Steps"].attrs["NSteps"])
 
 
+def has_numbers(path: str | Path) -> bool:
+    """Whether the file is of a version that keeps the numbers of its frames."""
+    with h5py.File(path, "r", locking=False) as file:
+        return "FieldData" in file["VTKHDF"]
+
+
 def frame_fields(path: str | Path) -> list[str]:
     """Names of the point fields that the frames have."""
     with h5py.File(path, "r", locking=False) as file:

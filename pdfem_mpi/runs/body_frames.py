@@ -9,7 +9,7 @@ import numpy as np
 
 from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.measure.whole_body import cell_damage, corner_displacements
-from pdfem_mpi.runs.frames import FramesOutput, identity_of
+from pdfem_mpi.runs.frames import FramesOutput, write_cells
 from pdfem_mpi.runs.output import Place
 
 BODY_FILE = "body.vtkhdf"
@@ -36,8 +36,6 @@ class BodyFrames(FramesOutput):
 
 def create_body(place: Place, path: Path) -> None:
     """Write the geometry of all cells."""
-    from pdfem_mpi.results import vtkhdf
-
     discretization = place.discretization
     model = np.where(discretization.has_points, PERIDYNAMICS, FINITE_ELEMENTS)
     data = {
@@ -45,5 +43,4 @@ def create_body(place: Place, path: Path) -> None:
         "material": discretization.material,
         "model": np.where(discretization.is_overlap, OVERLAP, model).astype("u1"),
     }
-    mesh = discretization.mesh
-    vtkhdf.create_elements(path, mesh.nodes, mesh.cells, data, attributes=identity_of(place))
+    write_cells(place, path, discretization.mesh.nodes, discretization.mesh.cells, data)

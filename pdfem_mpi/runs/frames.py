@@ -49,7 +49,6 @@ class FramesOutput(Output):
 
     def open(self, place: Place) -> None:
         from pdfem_mpi.results import vtkhdf
-        from pdfem_mpi.results.read_frames import has_numbers
 
         self.row, self.every = place.cursors.get(HISTORY_FILE, {}).get("rows", 0), place.scene.output.every
         self.path = place.written.new(self.name)
@@ -57,7 +56,7 @@ class FramesOutput(Output):
             set_aside(self.path, "output was changed", place.note, "before")
         cursor = None if place.other_fields else place.cursors.get(self.name)
         digest = None if cursor is None else continue_frames(self.path, cursor, place.note)
-        if digest is not None and not has_numbers(self.path):
+        if digest is not None and not vtkhdf.has_numbers(self.path):
             set_aside(self.path, "its frames are those of an older version", place.note, "before")
             digest = None
         if digest is None:
@@ -105,28 +104,28 @@ def create_points(place: Place, path: Path) -> None:
         "material": np.repeat(discretization.material[chosen], 8),
         "overlap": np.repeat(discretization.is_overlap[chosen], 8),
     }
-    vtkhdf.create_points(path, point_positions(discretization), data, attributes=identity_of(place))
+    vtkhdf.create_points(path, point_positions(discretization), data, attributes=_identity(place))
 
 
 def create_elements(place: Place, path: Path) -> None:
     """Write the geometry of the finite elements."""
-    from pdfem_mpi.results import vtkhdf
-
     discretization = place.discretization
     cells = discretization.has_nodes
-    vtkhdf.create_elements(
-        path,
-        discretization.mesh.nodes[discretization.node_number >= 0],
-        discretization.node_number[discretization.mesh.cells[cells]],
-        {
-            "region": discretization.region[cells],
-            "material": discretization.material[cells],
-            "overlap": discretization.is_overlap[cells],
-        },
-        attributes=identity_of(place),
-    )
+    data = {
+        "region": discretization.region[cells],
+        "material": discretization.material[cells],
+        "overlap": discretization.is_overlap[cells],
+    }
+    nodes = discretization.mesh.nodes[discretization.node_number >= 0]
+    write_cells(place, path, nodes, discretization.node_number[discretization.mesh.cells[cells]], data)
 
 
-def identity_of(place: Place) -> dict[str, str]:
-    """What a file says of the run that it is of."""
+def write_cells(place: Place, path: Path, nodes: np.ndarray, cells: np.ndarray, data: dict[str, np.ndarray]) -> None:
+    """Write the geometry of hexahedra, with fields that do not change."""
+    from pdfem_mpi.results import vtkhdf
+
+    vtkhdf.create_elements(path, nodes, cells, data, attributes=_identity(place))
+
+
+def _identity(place: Place) -> dict[str, str]:
     return {"pdfem_mpi_version": __version__, "deck_sha256": place.deck_sha256}
