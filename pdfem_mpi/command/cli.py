@@ -155,7 +155,7 @@ def _run(deck, ranks, overrides, folder, overwrite, max_hours, ways) -> int:
 
     try:
         ways = RunOptions(**ways, end=end, watched=True, requests=requests)
-        return run_scene(scene, comm, folder, write_deck(scene), overwrite, ConsoleReporter(), ways)
+        return run_scene(scene, comm, folder, write_deck(scene), overwrite, ConsoleReporter(scene), ways)
     except SceneError as error:
         raise fail([f"{deck}: {message}" for message in error.messages], comm.rank) from None
     except Refused as error:

@@ -96,8 +96,9 @@ def _draw_body(folder: Path, scene: Scene, asked: dict, movie: bool, optional: b
     ------
     NoPicture
     """
+    from pdfem_mpi.results.camera import VIEWS
     from pdfem_mpi.results.ownership import Written
-    from pdfem_mpi.results.pictures import VIEWS, View, draw_body, draw_film
+    from pdfem_mpi.results.pictures import View, draw_body, draw_film
     from pdfem_mpi.results.whole_body import Body, NoPicture
 
     if asked.get("view", "iso") not in VIEWS:

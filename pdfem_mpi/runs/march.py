@@ -82,6 +82,7 @@ class March:
         self.energy_error: float | None = None
         self.seconds = self.seconds_of_output = 0.0
         self._told_of_strains = False
+        self.first_break: float | None = None
 
     @property
     def arrays(self) -> tuple[Any, ...]:
@@ -133,6 +134,9 @@ class March:
         if self.wanted:
             ended.fields = gather_fields(simulation.discretization, simulation.forces, simulation.state.u)
         columns = history_row(report, simulation.discretization.units, simulation.failure is not None)
+        if self.first_break is None and (report.event == "critical" or report.new_broken):
+            began_here = report.broken == report.new_broken
+            self.first_break = report.load_factor if began_here else 1.0  # an earlier start has told
         ended.damage = gather_damage(simulation.discretization, simulation.model, self.remaining, simulation.failure)
         on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))
         self.reporter.row(columns)

@@ -16,6 +16,7 @@ from pdfem_mpi.peridynamics.bonds import count_by_material
 from pdfem_mpi.runs.correction_notes import describe_correction
 from pdfem_mpi.runs.failure_notes import criteria, describe_criterion, failure_summary
 from pdfem_mpi.runs.prepare import describe_mirrors
+from pdfem_mpi.runs.sanity import doubts
 from pdfem_mpi.runs.simulation import Simulation
 from pdfem_mpi.solvers.stability import smallest_eigenvalue
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_STOPPED, RUN_STATUS
@@ -63,6 +64,7 @@ def find_out(simulation: Simulation, is_resumed: bool) -> Findings:
     found.notes += describe_correction(scene, discretization, model)
     limits = criteria(scene, discretization, model)
     found.failure = failure_summary(scene, discretization, simulation.failure, limits)
+    found.notes += doubts(scene, discretization, limits)
     found.notes += describe_criterion(scene, discretization, simulation.failure, limits)
     _look_at_stability(simulation, is_resumed, found)
     return found

@@ -34,6 +34,7 @@ from pdfem_mpi.runs.prepare import count_sizes, fit_folders, prepare, warm_up
 from pdfem_mpi.runs.reporter import LoggedReporter, NullReporter, Reporter
 from pdfem_mpi.runs.restoring import restore, restore_late
 from pdfem_mpi.runs.rows import columns_of
+from pdfem_mpi.runs.sanity import describe_first_break, describe_small_strains
 from pdfem_mpi.runs.simulation import Simulation
 from pdfem_mpi.runs.start import FOLDER as CHECKPOINTS
 from pdfem_mpi.runs.start import Refused, RestartPoint, RunOptions, compare
@@ -236,6 +237,10 @@ class _Run:
         phases = {name: round(value, 6) for name, value in simulation.forces.seconds.items()}
         bonds = comm.gather(simulation.model.bonds.count if simulation.model.bonds else 0)
         evaluations = simulation.forces.evaluations
+        self._tell(describe_first_break(march.first_break))
+        if march.first_break is None and ended.code == EXIT_FINISHED:
+            edge = simulation.discretization.quality.shortest_edge / simulation.discretization.units.length
+            self._tell(describe_small_strains(self.scene, simulation.forces, edge))
         if ended.fields is not None:
             self.outputs.measure(ended.fields, simulation.state.load_factor)
         with phase(seconds, "output"):

@@ -29,6 +29,7 @@ from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.runs.failure_notes import criteria
 from pdfem_mpi.runs.memory_estimate import show_bytes
 from pdfem_mpi.runs.notes import describe_taken
+from pdfem_mpi.runs.sanity import doubts
 
 #: Evaluations of an equilibrium by conjugate gradients to 1e-6 (README), with Newton's method for finite kinematics.
 CG_EVALUATIONS = {"linear": 20, "finite": 60}
@@ -98,6 +99,8 @@ def describe(scene: Scene, discretization: Discretization, found: Understood) ->
     if not np.isnan(found.case.taken).all():
         yield "loads on supports", describe_taken(found.case.taken * discretization.units.force, scene.units.force)
     yield from _limits(scene, discretization, found.model)
+    told = list(doubts(scene, discretization, criteria(scene, discretization, found.model)))
+    yield from ((f"doubt {k}", text) for k, text in enumerate(told, start=1))
     yield from _time(scene, discretization, found)
     yield "disk, about", _disk(scene, discretization, found.model)
 
