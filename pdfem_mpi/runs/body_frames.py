@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from pdfem_mpi.measure.body_fields import cell_damage, corner_displacements
 from pdfem_mpi.measure.fields import Fields
-from pdfem_mpi.measure.whole_body import cell_damage, corner_displacements
 from pdfem_mpi.runs.frames import FramesOutput, write_cells
 from pdfem_mpi.runs.output import Place
 

@@ -15,6 +15,7 @@ from pdfem_mpi.model.selection import select_cells
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.runs.failure_notes import Criterion
+from pdfem_mpi.runs.simulation import Simulation
 
 #: Pascals in one unit of stress, for the units of force and length that are known.
 PASCALS = {
@@ -100,6 +101,21 @@ def supports_that_may_break_loose(scene: Scene, discretization: Discretization) 
             f"note: {shown} {'act' if len(found) > 1 else 'acts'} on cells whose bonds may break, and may tear them "
             "off. Put a region with may_fail = false there, a cutoff radius wider than what is held."
         )
+
+
+def look_back(simulation: Simulation, first_break: float | None) -> Iterator[str]:
+    """What may not be meant, after the last step. Collective.
+
+    Parameters
+    ----------
+    first_break : float or None
+        Load factor; None where nothing broke.
+    """
+    yield from describe_first_break(first_break)
+    if first_break is None:
+        body = simulation.discretization
+        edge = body.quality.shortest_edge / body.units.length
+        yield from describe_small_strains(simulation.scene, simulation.forces, edge)
 
 
 def describe_first_break(load_factor: float | None) -> Iterator[str]:

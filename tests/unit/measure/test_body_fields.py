@@ -3,8 +3,8 @@
 import numpy as np
 
 from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.measure.body_fields import cell_damage, corner_displacements
 from pdfem_mpi.measure.fields import Fields, node_positions, point_positions
-from pdfem_mpi.measure.whole_body import cell_damage, corner_displacements
 from support.bodies import make_scene
 
 ROUND_OFF = 1e-14  # of displacements near 1: sums of eight products
