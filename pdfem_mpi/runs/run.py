@@ -245,7 +245,6 @@ class _Run:
         seconds["solve"], seconds["output"] = march.seconds, march.seconds_of_output
         phases = {name: round(value, 6) for name, value in simulation.forces.seconds.items()}
         bonds = comm.gather(simulation.model.bonds.count if simulation.model.bonds else 0)
-        evaluations = simulation.forces.evaluations
         self._tell(look_back(simulation, march.first_break))
         if ended.fields is not None:
             self.outputs.measure(ended.fields, simulation.state.load_factor)
@@ -261,7 +260,7 @@ class _Run:
                 "fields_sha256": fields_sha256(ended.fields) if ended.fields else ended.digest,
                 "counts": sizes,
                 "bonds_per_rank": bonds,
-                "evaluations": evaluations,
+                "evaluations": simulation.forces.evaluations,
                 "seconds": seconds | {"evaluation_phases_rank_0": phases},
                 "seconds_of_all_starts": self.claimed.starts.seconds_before + seconds["total"],
                 "memory": memory,
