@@ -245,7 +245,7 @@ class _Run:
         seconds["solve"], seconds["output"] = march.seconds, march.seconds_of_output
         phases = {name: round(value, 6) for name, value in simulation.forces.seconds.items()}
         bonds = comm.gather(simulation.model.bonds.count if simulation.model.bonds else 0)
-        self._tell(look_back(simulation, march.first_break))
+        self._lines(look_back(simulation, march.first_break))
         if ended.fields is not None:
             self.outputs.measure(ended.fields, simulation.state.load_factor)
         with phase(seconds, "output"):
