@@ -122,7 +122,7 @@ def test_free_motions_are_named():
     [
         ("spacing", "spacin", (), "Did you mean spacing?"),
         ('face = "x+"', "lower = [9.0, 9.0, 9.0]\nupper = [9.0, 9.0, 9.0]", (), "loads.0 selects no cell"),
-        ("[[supports]]", "[[probes]]", (), "unknown key probes.0.face"),
+        ("[[supports]]", "[[probes]]", (), "probes.0 has no kind"),
         ("total", "total", ("-n", "64"), "64 ranks cannot share 16 cells. Use at most 16 ranks"),
     ],
 )
