@@ -15,8 +15,8 @@ from pdfem_mpi.system.files import replacing
 TEMPLATES = {
     "bar": "elastic bar under tension, half finite elements and half peridynamics (seconds)",
     "plate": "plate with a hole, pulled until it breaks (half a minute)",
-    "bending": "notched beam in three-point bending, a crack that grows (a minute)",
-    "bracket": "L-shaped bracket from a mesh file, its corner breaks (a minute)",
+    "bending": "notched beam in three-point bending, a crack that grows (half a minute)",
+    "bracket": "L-shaped bracket from a mesh file, pressed until it breaks (half a minute)",
 }
 
 
