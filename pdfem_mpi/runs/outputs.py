@@ -108,10 +108,10 @@ def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
         Of history.csv.
     """
     outputs = Outputs(place, HistoryOutput(columns))
-    discretization = place.discretization
-    if place.scene.output.fields and discretization.has_points.any():
+    scene = place.scene
+    if scene.output.fields and scene.has_peridynamics:
         outputs.frames.append(FramesOutput(POINTS_FILE, create_points, lambda fields: fields.u_points, True))
-    if place.scene.output.fields and discretization.has_nodes.any():
+    if scene.output.fields and scene.has_finite_elements:
         outputs.frames.append(FramesOutput(ELEMENTS_FILE, create_elements, lambda fields: fields.u_nodes))
     outputs.probes += [OF_PROBE[type(probe)](probe) for probe in place.scene.probes]
     return outputs

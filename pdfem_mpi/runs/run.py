@@ -13,6 +13,7 @@ import numpy as np
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.fields import fields_sha256
+from pdfem_mpi.measure.geometry import Geometry, gather_geometry
 from pdfem_mpi.parallel.comm import NotWritten, broadcast, on_root, sum_integers
 from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests
 from pdfem_mpi.parallel.watchdog import NoWatchdog, Watchdog, patience
@@ -145,7 +146,9 @@ class _Run:
         else:
             state.began = perf_counter()
         self._tell(look_at_bonds(simulation, findings))
-        on_root(self.comm, lambda: self._open_outputs(simulation, start))
+        wanted = self.scene.output.fields or self.scene.probes
+        geometry = gather_geometry(simulation.share) if wanted else None
+        on_root(self.comm, lambda: self._open_outputs(simulation, geometry, start))
         self.ways.requests.setting_up = False
         start_up = perf_counter() - self.started
         march = March(simulation, self.outputs, self.reporter, keeper, pauses, start.changed)
@@ -184,8 +187,8 @@ class _Run:
             )
             broken = None
             if start.path:
-                broken = restore(start, simulation.discretization, simulation.model, simulation.state)
-            return simulation, broken, count_sizes(simulation.discretization, simulation.model)
+                broken = restore(start, simulation.share, simulation.model, simulation.state)
+            return simulation, broken, count_sizes(simulation.share, simulation.model)
 
     def _open_folder(self, start: RestartPoint) -> None:
         self.entry.written.remove(SUMMARY)
@@ -201,7 +204,7 @@ class _Run:
     def _keeper(self, simulation: Simulation, start: RestartPoint) -> tuple[CheckpointWriter, StopRequests]:
         """Who writes checkpoints, and who says when. Collective."""
         keeper = CheckpointWriter(
-            self.scene, simulation.discretization, simulation.forces, simulation.failure, self.out, self._flush,
+            self.scene, simulation.share, simulation.forces, simulation.failure, self.out, self._flush,
             self._line, start, self.started,
         )  # fmt: skip
         return keeper, StopRequests(self.comm, self.ways.requests, keeper, self.scene.checkpoint, self.ways.end)
@@ -210,13 +213,13 @@ class _Run:
         self.entry.starts.note(perf_counter() - self.started)
         return self.outputs.flush()
 
-    def _open_outputs(self, simulation: Simulation, start: RestartPoint) -> None:
+    def _open_outputs(self, simulation: Simulation, geometry: Geometry | None, start: RestartPoint) -> None:
         def note(text):
             start.notes.append(text)
             self._warn(text)
 
         place = Place(
-            self.scene, simulation.discretization, self.entry.written, sha256(self.deck_text), start.results,
+            self.scene, geometry, self.entry.written, sha256(self.deck_text), start.results,
             start.other_fields, note, self._warn,
         )  # fmt: skip
         self.outputs = make_outputs(place, columns_of(simulation.failure is not None))
@@ -226,7 +229,7 @@ class _Run:
         """What was allocated, and what was left out. Collective."""
         simulation = march.simulation
         arrays = count_parts(*simulation.parts, march.keeper, march.arrays)
-        reasons = left_out(self.scene, simulation.discretization, simulation.failure, self.comm.size)
+        reasons = left_out(self.scene, simulation.share, simulation.failure, self.comm.size)
         return describe_memory(self.comm, arrays, march.watched, reasons, simulation.need, before)
 
     def _finish(self, march: March, start: RestartPoint, findings: Findings, sizes: dict, memory: dict) -> int:
