@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.body.share import Share
-from pdfem_mpi.body.subdomain import Subdomain
+from pdfem_mpi.body.share import Share, Subdomain
 from pdfem_mpi.kernels.rounding import pattern_for
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.parallel.halo import Halo, build_halo

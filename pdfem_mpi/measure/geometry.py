@@ -62,6 +62,12 @@ class Geometry:
         """Positions of all collocation points in the order of their fields, shape (n_points, 3), deck units."""
         return gauss_positions(self.mesh.nodes[self.mesh.cells[self.has_points]]).reshape(-1, 3)
 
+    def rows_of_points(self, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rows in the fields of points by their ids, and which reflection is meant, 0 for none; int64 as the ids."""
+        number, point = np.divmod(ids, 8)
+        reflection, cell = np.divmod(number, len(self.mesh.cells))
+        return 8 * self.point_row[cell] + point, reflection
+
     @property
     def node_positions(self) -> np.ndarray:
         """Positions of all nodes of elements in the order of their fields, shape (n_nodes, 3), deck units."""

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pdfem_mpi.body.share import ModelUnits, Share
-from pdfem_mpi.body.subdomain import Subdomain
+from pdfem_mpi.body.model_units import ModelUnits
+from pdfem_mpi.body.share import Share, Subdomain
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.finite_elements.elements import Elements, make_elements
 from pdfem_mpi.finite_elements.nodes import Nodes, local_nodes, make_nodes
-from pdfem_mpi.finite_elements.overlap import Overlap
+from pdfem_mpi.finite_elements.overlap_cells import Overlap
 from pdfem_mpi.mesh.mirrors import Mirrors
 from pdfem_mpi.model.masses import make_masses
 from pdfem_mpi.model.unknowns import Unknowns

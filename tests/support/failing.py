@@ -121,7 +121,7 @@ class Failing:
     def middles(self):
         """Midpoints of the bonds broken on this rank, relative to the body's centre, deck units, shape (n, 3)."""
         x = self.body.geometry.point_positions - self.body.share.units.origin
-        return x[self.failure.broken_pairs()].mean(axis=1)
+        return x[self.body.geometry.rows_of_points(self.failure.broken_pairs())[0]].mean(axis=1)
 
 
 def failing(scene, comm=None) -> Failing:

@@ -25,7 +25,7 @@ def broken_bonds(body, failure):
     sign, shift = np.concatenate([np.ones((1, 3)), sign]), np.concatenate([np.zeros((1, 3)), shift * units.length])
     ends = []
     for ids in failure.broken_pairs().T:
-        reflection, point = ids // len(x), ids % len(x)
+        point, reflection = body.geometry.rows_of_points(ids)
         ends.append(sign[reflection] * (x[point] - units.origin) + shift[reflection] + units.origin)
     folded = set()
     for a, b in zip(*ends, strict=True):

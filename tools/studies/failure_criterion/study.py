@@ -140,13 +140,13 @@ def history(case: Case, share, failure, rows, planes) -> dict:
     known = {"first": stable[0].reaction * to_stress}
     if case.only_first:
         return known
-    x, ids = internals.gather_geometry(share).point_positions, failure.broken_pairs()
-    n = len(x)
-    ends = x[ids % n] - units.origin
+    geometry = internals.gather_geometry(share)
+    rows_of_ends, reflection = geometry.rows_of_points(failure.broken_pairs())
+    ends = geometry.point_positions[rows_of_ends] - units.origin
     if len(planes):
         sign, shift = share.reflections
         sign, shift = np.concatenate([np.ones((1, 3)), sign]), np.concatenate([np.zeros((1, 3)), shift * units.length])
-        ends = sign[ids // n] * ends + shift[ids // n]
+        ends = sign[reflection] * ends + shift[reflection]
     middle = ends.mean(axis=1) + units.origin
     if case.h == 1.0:  # the finer bodies' runs end when half of the load is lost
         known |= {"broken": parts * rows[-1].broken, "energy": rows[-1].dissipated * to_energy}
