@@ -27,6 +27,7 @@ from pdfem_mpi.peridynamics.making_bonds import bonds_of_scene
 from pdfem_mpi.peridynamics.points import Points, make_points
 from pdfem_mpi.peridynamics.stable_masses import relaxes
 from pdfem_mpi.peridynamics.uneven import CONVERGED, most_uneven_point
+from pdfem_mpi.peridynamics.volumetric import Moment, largest_moments, refuse_unstable
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -66,6 +67,8 @@ class Model:
     most_uneven : float64, shape (3,), dimension length, or None
         Where the response of the corrected bonds differs most from that inside of a body, if the correction did not
         converge.
+    moments : tuple of Moment
+        How near the points of materials with a volumetric part come to what is stable.
     """
 
     comm: Intracomm
@@ -87,6 +90,7 @@ class Model:
     raised_masses: int = 0
     own_energy: np.ndarray | None = None
     most_uneven: np.ndarray | None = None
+    moments: tuple[Moment, ...] = ()
 
     @property
     def finite(self) -> bool:
@@ -124,16 +128,19 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm, f
     Raises
     ------
     SceneError
-        More ranks than cells; a body whose bond factors cannot be fitted.
+        More ranks than cells; a body whose bond factors cannot be fitted, or whose bonds do not bear its Poisson's
+        ratio.
     """
     owner = partition(discretization, comm.size)
     subdomain = cut_out(discretization, owner, comm.rank)
     points = bonds = nodes = elements = overlap = body_fit = None
     remaining, cut, intact_weights, own_energy = 0.0, [], None, None
-    most_uneven = None
+    most_uneven, moments = None, ()
     if discretization.has_points.any():
         points = make_points(discretization, subdomain, comm)
         bonds, remaining, body_fit = bonds_of_scene(scene, discretization, subdomain, comm, points, fits)
+        moments = largest_moments(comm, points, bonds, discretization.materials)
+        refuse_unstable(moments)
         if remaining > CONVERGED:
             virial = scene.peridynamics.surface_correction != "appendix_a"
             most_uneven = most_uneven_point(comm, points, discretization.materials, bonds, virial)
@@ -163,6 +170,7 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm, f
         mass=mass,
         correction_remaining=remaining,
         most_uneven=most_uneven,
+        moments=moments,
         body_fit=body_fit,
         cut=tuple(cut),
         mirrors=discretization.mirrors,

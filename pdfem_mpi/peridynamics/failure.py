@@ -13,7 +13,9 @@ free point hangs on the elements, and without them it parts from these.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -62,6 +64,9 @@ class Failure:
         Bounding box of the midpoints of all broken bonds; inf where there are none.
     last_extent : float64, shape (2, 3), dimension length
         That of the bonds broken by the last evaluation that broke any.
+    released_at_points : callable or None
+        Of the forces of the last evaluation: what else than their own energy bonds that broke took from the body, from
+        these as an exact sum of this rank, int64, shape (SIZE,). Collective.
     """
 
     class_of: np.ndarray
@@ -75,6 +80,7 @@ class Failure:
     dissipated: float = 0.0
     extent: np.ndarray = field(default_factory=lambda: nowhere())
     last_extent: np.ndarray = field(default_factory=lambda: nowhere())
+    released_at_points: Callable[[Any, list[Broken]], np.ndarray] | None = None
     _fresh: list[Broken] = field(default_factory=list)
     _pairs: list[np.ndarray] | None = None
     _digits: np.ndarray = field(default_factory=lambda: np.zeros(SIZE, np.int64))
@@ -126,12 +132,15 @@ class Failure:
 
     def close(self, comm) -> int:
         """Join the books of all ranks after an evaluation that breaks; the number of bonds it broke. Collective."""
-        fresh = sum(len(broken.pairs) for broken in self._fresh[self._closed :])
+        fresh_here = self._fresh[self._closed :]
+        fresh = sum(len(broken.pairs) for broken in fresh_here)
         joined = sum_integers(comm, np.append(self._digits, fresh))
         self._closed = len(self._fresh)
         if joined[-1]:
             self._digits[:] = 0
             self._total += joined[:-1]
+            if self.released_at_points:
+                self._total += sum_integers(comm, self.released_at_points(comm, fresh_here))
             carry(self._total)
             self.count += int(joined[-1])
             self.dissipated = value(self._total)
@@ -205,6 +214,7 @@ class Failure:
             n = bond_failure.break_listed(wanted, *rows.arrays, bonds.finite, pairs, strengths)
             if n:
                 self._enter(points, pairs[:n].copy(), strengths[:n].copy())
+        self.released_at_points = None  # the digits have it
         if self.close(comm) != total:
             raise ValueError(f"only {self.count} of {total} broken bonds are bonds of this scene")
         self._total[:] = dissipated

@@ -21,6 +21,7 @@ from pdfem_mpi.peridynamics.fit.fit import BodyFit, fit_body
 from pdfem_mpi.peridynamics.points import Points
 from pdfem_mpi.peridynamics.rows import find_bonds, within_bodies
 from pdfem_mpi.peridynamics.surface_correction import appendix_a
+from pdfem_mpi.peridynamics.volumetric import volumetric_part
 from pdfem_mpi.system.heap import large_arrays_together
 
 
@@ -93,6 +94,7 @@ def make_bonds(
     of_point, at_cluster = of_point.astype(np.int32), at_cluster.astype(np.int32)
 
     constants = RESPONSE_CONSTANT * materials.bond_modulus
+    part = volumetric_part(comm, points, materials)
 
     def filled(factor):
         counts, strongest = np.zeros(constants.shape, np.int64), np.zeros(2)
@@ -104,8 +106,9 @@ def make_bonds(
         if points.images:
             share_own_images(*boundary.arrays, points.cell_number, points.material, finite, counts)
         return Bonds(
-            interior, boundary, finite, cutoff, of_point, at_cluster, counts, *largest(comm, strongest).tolist()
-        )
+            interior, boundary, finite, cutoff, of_point, at_cluster, counts, *largest(comm, strongest).tolist(),
+            part,
+        )  # fmt: skip
 
     bonds = filled(np.empty(0))
     if correction == "none":

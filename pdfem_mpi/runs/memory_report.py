@@ -58,6 +58,7 @@ def features_of(scene: Scene) -> frozenset[str]:
         "overlap": scene.is_coupled,
         "cg": cg,
         "adr": scene.solver.kind == "adr" or isinstance(scene.stepping, Ramp),
+        "volumetric": bonds and scene.has_volumetric_part,
         "elements": (scene.has_finite_elements and scene.kinematics == "linear") or cg,  # cg: those of the intact body
         "turning": scene.has_finite_elements and scene.kinematics == "finite",
     }

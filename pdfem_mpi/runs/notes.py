@@ -13,6 +13,7 @@ from pdfem_mpi.body.overlap import describe_cracked_overlap
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.parts import describe_unsupported
 from pdfem_mpi.peridynamics.bonds import count_by_material
+from pdfem_mpi.peridynamics.volumetric import describe_moments
 from pdfem_mpi.runs.correction_notes import describe_correction
 from pdfem_mpi.runs.failure_notes import criteria, describe_criterion, failure_summary
 from pdfem_mpi.runs.prepare import describe_mirrors
@@ -61,6 +62,7 @@ def find_out(simulation: Simulation, is_resumed: bool) -> Findings:
     found = Findings()
     found.notes += model.body_fit.notes if model.body_fit else ()
     found.notes += describe_correction(scene, discretization, model)
+    found.notes += describe_moments(model.moments)
     limits = criteria(scene, discretization, model)
     found.failure = failure_summary(scene, discretization, simulation.failure, limits)
     found.notes += describe_criterion(scene, discretization, simulation.failure, limits)

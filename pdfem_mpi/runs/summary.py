@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import platform
 import sys
 from dataclasses import asdict
@@ -66,6 +67,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
             "remaining": model.correction_remaining if discretization.cutoff else None,
             "fit": fit_report(model.body_fit, findings.smallest_eigenvalue, findings.stable),
         },
+        "volumetric_part": [asdict(moment) | {"limit": finite(moment.limit)} for moment in model.moments],
         "failure": findings.failure,
         "bonds_cut_by_cracks": list(model.cut),
         "parts_at_start": {"count": simulation.case.parts.count, "not_held": len(simulation.case.unsupported)},
@@ -80,6 +82,11 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
             "numba": sys.modules["numba"].__version__,
         },
     }
+
+
+def finite(number: float) -> float | None:
+    """A number for JSON, which knows no infinity."""
+    return number if math.isfinite(number) else None
 
 
 def _last_row(march: March, evaluations: int) -> dict[str, Any]:
