@@ -27,7 +27,7 @@ from pdfem_mpi.peridynamics.making_bonds import bonds_of_scene
 from pdfem_mpi.peridynamics.points import Points, make_points
 from pdfem_mpi.peridynamics.stable_masses import relaxes
 from pdfem_mpi.peridynamics.uneven import CONVERGED, most_uneven_point
-from pdfem_mpi.peridynamics.volumetric import Moment, largest_moments, refuse_unstable
+from pdfem_mpi.peridynamics.volumetric import Moment
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -67,8 +67,6 @@ class Model:
     most_uneven : float64, shape (3,), dimension length, or None
         Where the response of the corrected bonds differs most from that inside of a body, if the correction did not
         converge.
-    moments : tuple of Moment
-        How near the points of materials with a volumetric part come to what is stable.
     """
 
     comm: Intracomm
@@ -90,12 +88,16 @@ class Model:
     raised_masses: int = 0
     own_energy: np.ndarray | None = None
     most_uneven: np.ndarray | None = None
-    moments: tuple[Moment, ...] = ()
 
     @property
     def finite(self) -> bool:
         """Whether anything follows finite displacements: bonds, elements or both. The same on all ranks."""
         return bool((self.bonds and self.bonds.finite) or (self.elements and self.elements.finite))
+
+    @property
+    def moments(self) -> tuple[Moment, ...]:
+        """How near the points of materials with a volumetric part come to what is stable."""
+        return self.bonds.volumetric.moments if self.bonds and self.bonds.volumetric else ()
 
     @cached_property
     def unknowns(self) -> Unknowns:
@@ -135,12 +137,10 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm, f
     subdomain = cut_out(discretization, owner, comm.rank)
     points = bonds = nodes = elements = overlap = body_fit = None
     remaining, cut, intact_weights, own_energy = 0.0, [], None, None
-    most_uneven, moments = None, ()
+    most_uneven = None
     if discretization.has_points.any():
         points = make_points(discretization, subdomain, comm)
         bonds, remaining, body_fit = bonds_of_scene(scene, discretization, subdomain, comm, points, fits)
-        moments = largest_moments(comm, points, bonds, discretization.materials)
-        refuse_unstable(moments)
         if remaining > CONVERGED:
             virial = scene.peridynamics.surface_correction != "appendix_a"
             most_uneven = most_uneven_point(comm, points, discretization.materials, bonds, virial)
@@ -170,7 +170,6 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm, f
         mass=mass,
         correction_remaining=remaining,
         most_uneven=most_uneven,
-        moments=moments,
         body_fit=body_fit,
         cut=tuple(cut),
         mirrors=discretization.mirrors,

@@ -72,9 +72,9 @@ class BondForces:
             The first is raised to what `Bounds.bond` bounds.
         """
         yield "exchange", self.start_forward
-        yield "bonds", partial(self.sweep_interior, failure, margin, met)
+        yield "bonds", partial(self._sweep, self.bonds.interior, failure, margin, met, self.points.halo)
         yield "exchange", self.finish_forward
-        yield "bonds", partial(self.sweep_boundary, failure, margin, met)
+        yield "bonds", partial(self._sweep, self.bonds.boundary, failure, margin, met)
         yield "exchange", self.start_reverse
 
     @property
@@ -108,19 +108,11 @@ class BondForces:
         self.points.halo.start_forward(self.S.reshape(-1, 2, 9, W)[:, :, 0:3])
 
     def finish_forward(self) -> None:
-        """Wait for the displacements of the ghosts."""
-        self.points.halo.finish_forward(self.S.reshape(-1, 2, 9, W)[:, :, 0:3])
-
-    def sweep_interior(self, failure: Failure | None, margin: float, met: np.ndarray) -> None:
-        """Add the forces of bonds between owned points, while messages are under way; see `_sweep`."""
-        self._sweep(self.bonds.interior, failure, margin, met, self.points.halo)
-
-    def sweep_boundary(self, failure: Failure | None, margin: float, met: np.ndarray) -> None:
-        """Add the forces of bonds with ghosts and images; see `_sweep`."""
+        """Wait for the displacements of the ghosts and images, and follow them."""
+        points = self.points
+        points.halo.finish_forward(self.S.reshape(-1, 2, 9, W)[:, :, 0:3])
         if self._has_z:
-            points = self.points
             point_table.complete_z(2 * points.n_owned, points.n_clusters, points.x, self.S.reshape(-1))
-        self._sweep(self.bonds.boundary, failure, margin, met)
 
     def start_reverse(self) -> None:
         """Send the forces on ghosts to their owners."""

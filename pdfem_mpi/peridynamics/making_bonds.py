@@ -21,7 +21,7 @@ from pdfem_mpi.peridynamics.fit.fit import BodyFit, fit_body
 from pdfem_mpi.peridynamics.points import Points
 from pdfem_mpi.peridynamics.rows import find_bonds, within_bodies
 from pdfem_mpi.peridynamics.surface_correction import appendix_a
-from pdfem_mpi.peridynamics.volumetric import volumetric_part
+from pdfem_mpi.peridynamics.volumetric import volumetric_part, with_moments
 from pdfem_mpi.system.heap import large_arrays_together
 
 
@@ -46,7 +46,7 @@ def bonds_of_scene(
     Raises
     ------
     SceneError
-        Bond factors cannot be fitted.
+        Bond factors cannot be fitted, or bonds do not bear a material's Poisson's ratio.
     """
     settings, body_fit = scene.peridynamics, None
     fitted = settings.surface_correction == "fitted"
@@ -62,7 +62,7 @@ def bonds_of_scene(
             bonds, remaining = make_bonds(*body, correction)
     if settings.stiffness_noise:
         bonds = perturbed(points, bonds, settings.stiffness_noise, settings.seed)
-    return bonds, remaining, body_fit
+    return with_moments(comm, points, bonds, discretization.materials), remaining, body_fit
 
 
 def make_bonds(

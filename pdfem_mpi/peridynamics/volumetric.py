@@ -29,7 +29,7 @@ Silling, Epton, Weckner, Xu & Askari, Peridynamic states and constitutive modeli
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,43 +51,6 @@ SHEAR = 0.4
 
 
 @dataclass(frozen=True)
-class Volumetric:
-    """Constants of the volumetric part, in model units.
-
-    Attributes
-    ----------
-    modulus : float64, shape (n_materials,), dimension stress
-        ``M = lambda - mu``.
-    shear : float64, shape (n_materials,), dimension stress
-    factor : float64, shape (n_materials,), dimension 1 / stress
-        ``M / (10 mu)^2`` with ``mu = reference``.
-    scale : float64, shape (n_materials, n_materials), dimension 1
-        ``reference`` over the shear modulus of the bonds between two; of shape (1, 1) where all are equal.
-    material : int16, shape (n_clusters,)
-        Of the points of each local cluster.
-    reference : float, dimension stress
-        Shear modulus of the first material with points.
-    """
-
-    modulus: np.ndarray
-    shear: np.ndarray
-    factor: np.ndarray
-    scale: np.ndarray
-    material: np.ndarray
-    reference: float
-
-    @property
-    def of_bonds(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the kernels take of it."""
-        return self.material, self.scale
-
-    @property
-    def widest(self) -> float:
-        """Largest ``scale``."""
-        return float(self.scale.max())
-
-
-@dataclass(frozen=True)
 class Moment:
     """How near a material's points come to what is stable.
 
@@ -105,6 +68,46 @@ class Moment:
     poissons_ratio: float
     largest: float
     limit: float
+
+
+@dataclass(frozen=True)
+class Volumetric:
+    """Constants of the volumetric part, in model units.
+
+    Attributes
+    ----------
+    modulus : float64, shape (n_materials,), dimension stress
+        ``M = lambda - mu``.
+    shear : float64, shape (n_materials,), dimension stress
+    factor : float64, shape (n_materials,), dimension 1 / stress
+        ``M / (10 mu)^2`` with ``mu = reference``.
+    scale : float64, shape (n_materials, n_materials), dimension 1
+        ``reference`` over the shear modulus of the bonds between two; of shape (1, 1) where all are equal.
+    material : int16, shape (n_clusters,)
+        Of the points of each local cluster.
+    reference : float, dimension stress
+        Shear modulus of the first material with points.
+    moments : tuple of Moment
+        How near the points come to what is stable, by material.
+    """
+
+    modulus: np.ndarray
+    shear: np.ndarray
+    factor: np.ndarray
+    scale: np.ndarray
+    material: np.ndarray
+    reference: float
+    moments: tuple[Moment, ...] = ()
+
+    @property
+    def of_bonds(self) -> tuple[np.ndarray, np.ndarray]:
+        """What the kernels take of it."""
+        return self.material, self.scale
+
+    @property
+    def widest(self) -> float:
+        """Largest ``scale``."""
+        return float(self.scale.max())
 
 
 def volumetric_part(comm, points: Points, materials: MaterialTable) -> Volumetric | None:
@@ -132,11 +135,25 @@ def volumetric_part(comm, points: Points, materials: MaterialTable) -> Volumetri
     )
 
 
-def largest_moments(comm, points: Points, bonds: Bonds, materials: MaterialTable) -> tuple[Moment, ...]:
-    """How near each material with a volumetric part comes to what is stable. Collective."""
+def with_moments(comm, points: Points, bonds: Bonds, materials: MaterialTable) -> Bonds:
+    """The same bonds, whole as they are before cracks, whose volumetric part knows its `Moment`. Collective.
+
+    Raises
+    ------
+    SceneError
+        Some point's energy might be negative.
+    """
     part = bonds.volumetric
     if part is None:
-        return ()
+        return bonds
+    moments = _largest_moments(comm, points, bonds, materials)
+    refuse_unstable(moments)
+    return replace(bonds, volumetric=replace(part, moments=moments))
+
+
+def _largest_moments(comm, points: Points, bonds: Bonds, materials: MaterialTable) -> tuple[Moment, ...]:
+    """How near each material with a volumetric part comes to what is stable. Collective."""
+    part = bonds.volumetric
     moments = _family_sums(points, bonds)[:, 1] / (10.0 * part.reference) ** 2
     moments *= (10.0 / 3.0) * part.shear[part.material[: 2 * points.n_owned], None]
     top = np.zeros(len(materials.names))

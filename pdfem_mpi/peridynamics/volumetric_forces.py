@@ -13,11 +13,11 @@ from functools import partial
 
 import numpy as np
 
-from pdfem_mpi.kernels import bond_response, dilatation_sweeps, dilatations, point_table, volumetric_sweeps
+from pdfem_mpi.kernels import bond_response, dilatation_sweeps, dilatations, volumetric_sweeps
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
-from pdfem_mpi.parallel.comm import largest
+from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.bond_forces import BondForces
 from pdfem_mpi.peridynamics.failure import Broken, Failure
 from pdfem_mpi.peridynamics.images import SCALAR, halo_for
@@ -65,11 +65,11 @@ class VolumetricForces(BondForces):
         """As of `BondForces`; bonds break in the first sweep."""
         interior, boundary = self.bonds.rows
         if failure:
-            failure.released_at_points = self.released
+            failure.released_at_points = partial(released, self)
         yield "exchange", self.start_forward
         yield "bonds", partial(self._sweep_dilatations, interior, failure, margin, met, self.points.halo)
         yield "exchange", self.finish_forward
-        yield "bonds", partial(self._sweep_dilatations_of_boundary, failure, margin, met)
+        yield "bonds", partial(self._sweep_dilatations, boundary, failure, margin, met)
         yield "exchange", partial(self.of_points.scatter_reverse, self.qi.reshape(-1, 2, 1, W))
         yield "bonds", partial(self._make_pressures, met)
         yield "exchange", partial(self.of_points.start_forward, self.q.reshape(-1, 2, 1, W))
@@ -111,35 +111,6 @@ class VolumetricForces(BondForces):
         weight = self.points.volume.reshape(-1, W)[: len(material)] * (0.5 * self.law.modulus[material])[:, None]
         add_products((weight * theta).reshape(-1), theta.reshape(-1), digits)
 
-    def released(self, comm, broken: list[Broken]) -> np.ndarray:
-        """Energy of the volumetric part that bonds which the last evaluation broke took away. Collective.
-
-        ``1/2 M w (theta^2 - theta'^2)`` of every point, ``w theta' = w theta - sum A e`` over its broken bonds.
-
-        Returns
-        -------
-        int64, shape (SIZE,)
-            An exact sum of this rank.
-        """
-        law, points = self.law, self.points
-        n, digits = 2 * points.n_owned, np.zeros(SIZE, np.int64)
-        terms = [
-            dilatations.listed_terms(each.pairs, each.strengths, self.S.reshape(-1), self.bonds.finite, *law.of_bonds)
-            for each in broken
-        ]
-        bound = max((float(np.abs(each).max(initial=0.0)) for each in terms), default=0.0)
-        quantum, _ = pattern_for(float(largest(comm, np.array([bound]))[0]))
-        lost = np.zeros(points.n_clusters * W, np.int64)
-        for each, of_bonds in zip(broken, terms, strict=True):
-            whole = np.rint(of_bonds / quantum).astype(np.int64)
-            np.add.at(lost, each.pairs.reshape(-1), np.repeat(whole, 2))
-        self.of_points.scatter_reverse(lost.reshape(-1, 2, 1, W))
-        material, volume = law.material[:n, None], points.volume.reshape(-1, W)[:n]
-        change = quantum * lost.reshape(-1, W)[:n] / volume / (10.0 * law.reference)
-        both = change + 2.0 * self.dilatation()
-        add_products((0.5 * law.modulus[material] * volume * change).reshape(-1), both.reshape(-1), digits)
-        return digits
-
     def dilatation(self) -> np.ndarray:
         """``theta`` of the owned points at the last evaluation, 0 where ``M`` is; shape (n_owned_clusters, 4)."""
         law = self.law
@@ -171,12 +142,6 @@ class VolumetricForces(BondForces):
         self._call(sweep, len(rows.start) - 1, shared, failure, halo)
         met[0] = max(met[0], extremes[0], -extremes[1])
 
-    def _sweep_dilatations_of_boundary(self, failure: Failure | None, margin: float, met: np.ndarray) -> None:
-        if self._has_z:
-            points = self.points
-            point_table.complete_z(2 * points.n_owned, points.n_clusters, points.x, self.S.reshape(-1))
-        self._sweep_dilatations(self.bonds.boundary, failure, margin, met)
-
     def _make_pressures(self, met: np.ndarray) -> None:
         """``q`` of the owned points from their sums."""
         law, points = self.law, self.points
@@ -200,3 +165,28 @@ class VolumetricForces(BondForces):
         self.swept.add(volumetric_sweeps.NAMES[sweep])
         self._call(sweep, len(rows.start) - 1, shared, None, halo)
         met[0] = max(met[0], extremes[0])
+
+
+def released(forces: VolumetricForces, comm, broken: Broken) -> np.ndarray:
+    """Energy of the volumetric part that bonds which the last evaluation broke took away. Collective.
+
+    ``1/2 M w (theta^2 - theta'^2)`` of every point, ``w theta' = w theta - sum A e`` over its broken bonds.
+
+    Returns
+    -------
+    int64, shape (SIZE,)
+        An exact sum over all ranks.
+    """
+    law, points = forces.law, forces.points
+    n, digits = 2 * points.n_owned, np.zeros(SIZE, np.int64)
+    listed = broken.pairs, broken.strengths, forces.S.reshape(-1), forces.bonds.finite
+    terms = dilatations.listed_terms(*listed, *law.of_bonds)
+    quantum, _ = pattern_for(float(largest(comm, np.array([np.abs(terms).max(initial=0.0)]))[0]))
+    lost = np.zeros(points.n_clusters * W, np.int64)
+    np.add.at(lost, broken.pairs.reshape(-1), np.repeat(np.rint(terms / quantum).astype(np.int64), 2))
+    forces.of_points.scatter_reverse(lost.reshape(-1, 2, 1, W))
+    material, volume = law.material[:n, None], points.volume.reshape(-1, W)[:n]
+    change = quantum * lost.reshape(-1, W)[:n] / volume / (10.0 * law.reference)
+    both = change + 2.0 * forces.dilatation()
+    add_products((0.5 * law.modulus[material] * volume * change).reshape(-1), both.reshape(-1), digits)
+    return sum_integers(comm, digits)
