@@ -33,7 +33,7 @@ class Material(Table):
     ----------
     youngs_modulus : float, > 0, dimension force / length^2
     poissons_ratio : float, above -1 and below 0.5, dimension 1
-        1/4 wherever the material has bonds (peridynamic regions, overlap): central forces admit no other value.
+        From 0 to 0.49 where the material has bonds (peridynamic regions, overlap), which alone have 1/4.
     critical_stretch : float or None, > 0, dimension 1
         ``s_0`` of eq. (4): bonds beyond it break.
     fracture_energy : float or None, > 0, dimension force / length
@@ -113,7 +113,7 @@ def _share_within(cutoff_ratio: float) -> float:
 class Interface(Table):
     """What holds for the bonds between two materials (sec. 2.1, Fig. 6); deck tables ``[[interfaces]]``.
 
-    What is not given here is that of the material with the smaller bulk modulus.
+    What is not given here is that of the material with the smaller shear modulus, Poisson's ratio included.
 
     Attributes
     ----------
