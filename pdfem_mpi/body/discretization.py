@@ -23,7 +23,6 @@ from pdfem_mpi.body.meshing import check_folded, describe_folded, make_mesh
 from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.body.overlap import check_cracks, check_joints, check_overlap_materials, find_overlap
 from pdfem_mpi.body.regions import assign_regions
-from pdfem_mpi.deck.materials import PERIDYNAMIC_POISSONS_RATIO
 from pdfem_mpi.deck.meshes import FileMesh, PlateWithHoleMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
@@ -172,7 +171,7 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
     ------
     SceneError
         Cells inside out, regions that overlap or leave cells out, an empty region, an overlap that does not fit or
-        whose material cannot have bonds, bodies that cannot be fitted.
+        where two Poisson's ratios meet, bodies that cannot be fitted.
     """
     mesh = make_mesh(scene) if mesh is None else mesh
     quality = measure(mesh)
@@ -183,8 +182,7 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
     bodies = _find_bodies(scene, mesh, peridynamic, materials, material)
     is_overlap, has_points = bodies.is_overlap, bodies.number >= 0
     check_folded(mesh, quality, has_points)
-    cannot_bond = materials.poissons_ratio != PERIDYNAMIC_POISSONS_RATIO
-    check_overlap_materials(scene, mesh, region, is_overlap & cannot_bond[material])
+    check_overlap_materials(scene, mesh, region, materials.poissons_ratio[material], is_overlap, has_points)
     keeps_both = scene.coupling.kind == "paper_a"
     has_stiffness = ~peridynamic & (keeps_both | ~is_overlap)
 

@@ -25,7 +25,14 @@ from pdfem_mpi.deck.loads import (
     check_support_references,
     check_tractions,
 )
-from pdfem_mpi.deck.materials import Interface, Material, check_contrast, check_material_names
+from pdfem_mpi.deck.materials import (
+    BOND_POISSONS_RATIO,
+    Interface,
+    Material,
+    all_materials,
+    check_contrast,
+    check_material_names,
+)
 from pdfem_mpi.deck.meshes import Mesh
 from pdfem_mpi.deck.outputs import (
     Checkpoint,
@@ -42,6 +49,7 @@ from pdfem_mpi.deck.peridynamics import (
     check_cracks,
     check_cutoff,
     check_fitted,
+    check_volumetric,
 )
 from pdfem_mpi.deck.programs import (
     Solver,
@@ -110,6 +118,13 @@ class Scene(Table):
         return self.peridynamics.kinematics or ("finite" if self.has_peridynamics else "linear")
 
     @property
+    def has_volumetric_part(self) -> bool:
+        """Whether bonds may have one: a region of bonds, or beside them, of another Poisson's ratio than 1/4."""
+        materials = {name: table for name, (_, table) in all_materials(self.material, self.materials).items()}
+        ratios = {materials[region.material].poissons_ratio for region in self.regions}
+        return self.has_peridynamics and ratios != {BOND_POISSONS_RATIO}
+
+    @property
     def can_fail(self) -> bool:
         """Whether the deck has a limit for some bond."""
         return any(entry.can_fail for entry in (self.material, *self.materials.values(), *self.interfaces))
@@ -138,6 +153,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("regions", "supports"), check_support_references),
     (("regions", "peridynamics", "loads"), check_tractions),
     (("mesh", "regions", "material", "materials", "peridynamics", "coupling"), check_fitted),
+    (("regions", "material", "materials", "peridynamics"), check_volumetric),
     (("mesh", "regions"), functools.partial(check_sets, "regions")),
     (("mesh", "loads"), functools.partial(check_sets, "loads")),
     (("mesh", "supports"), functools.partial(check_sets, "supports")),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import platform
 import sys
 from dataclasses import asdict
@@ -12,6 +13,7 @@ import numpy as np
 
 from pdfem_mpi import __version__
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.model.model import Model
 from pdfem_mpi.peridynamics.fit.fit import BodyFit
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.notes import Findings
@@ -61,11 +63,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         },
         "restarts": checkpoints.restarts,
         "seconds_of_all_starts": facts["seconds_of_all_starts"],
-        "surface_correction": {
-            "kind": scene.peridynamics.surface_correction if share.cutoff else None,
-            "remaining": model.correction_remaining if share.cutoff else None,
-            "fit": fit_report(model.body_fit, findings.smallest_eigenvalue, findings.stable),
-        },
+        **_of_bonds(scene, model, findings),
         "failure": findings.failure,
         "bonds_cut_by_cracks": list(model.cut),
         "parts_at_start": {"count": simulation.case.parts.count, "not_held": len(simulation.case.unsupported)},
@@ -79,6 +77,20 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
             "numpy": np.__version__,
             "numba": sys.modules["numba"].__version__,
         },
+    }
+
+
+def _of_bonds(scene: Scene, model: Model, findings: Findings) -> dict[str, Any]:
+    """How bonds were corrected, and the volumetric part beside them; JSON knows no infinite limit."""
+    kind = scene.peridynamics.surface_correction
+    parts = [asdict(moment) for moment in model.moments]
+    return {
+        "surface_correction": {
+            "kind": kind if model.bonds else None,
+            "remaining": model.correction_remaining if model.bonds else None,
+            "fit": fit_report(model.body_fit, findings.smallest_eigenvalue, findings.stable),
+        },
+        "volumetric_part": [part | {"limit": part["limit"] if part["limit"] < math.inf else None} for part in parts],
     }
 
 
