@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.measure.geometry import Geometry
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,10 @@ class Cells:
         return self.corners.mean(axis=1)
 
 
-def list_cells(scene: Scene, discretization: Discretization) -> Cells:
+def list_cells(scene: Scene, geometry: Geometry) -> Cells:
     """The cells of a scene's body."""
-    mesh = discretization.mesh
-    model = np.where(discretization.has_points, "peridynamics", "finite elements")
-    model[discretization.is_overlap] = "overlap"
+    mesh = geometry.mesh
+    model = np.where(geometry.has_points, "peridynamics", "finite elements")
+    model[geometry.is_overlap] = "overlap"
     names = np.array([region.name for region in scene.regions])
-    return Cells(mesh.nodes[mesh.cells], names[discretization.region], model)
+    return Cells(mesh.nodes[mesh.cells], names[geometry.region], model)

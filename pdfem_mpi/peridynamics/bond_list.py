@@ -19,8 +19,8 @@ class BondList:
     Attributes
     ----------
     points : int64, shape (n, 2)
-        Ids of the two points, the lower first; the id of a mirror image is that of its point plus the number of points
-        of the body times the number of the reflection.
+        Ids of the two points, the lower first: ``8 cell + g`` with the number of the cell in the mesh. The cell of a
+        mirror image has the number of its cell plus the number of all cells times that of the reflection.
     start, vector : float64, shape (n, 3), dimension length
         Reference position of the first point, and from there to the second.
     stiffness : float64, shape (n,), dimension force length

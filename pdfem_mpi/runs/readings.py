@@ -7,18 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.cells import Cells, list_cells
-from pdfem_mpi.measure.fields import (
-    Fields,
-    NodalForces,
-    gather_damage,
-    gather_fields,
-    gather_forces,
-    node_positions,
-    point_positions,
-)
+from pdfem_mpi.measure.fields import Fields, NodalForces, gather_damage, gather_fields, gather_forces
+from pdfem_mpi.measure.geometry import gather_geometry
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import State
@@ -31,7 +24,7 @@ class Readings:
 
     scene: Scene
     comm: Any
-    discretization: Discretization
+    share: Share
     model: Model
     state: State
     forces: Forces
@@ -53,7 +46,7 @@ class Readings:
         """Displacements of all points and nodes; None except on rank 0."""
         if not self._evaluated:
             self.evaluate()
-        return gather_fields(self.discretization, self.forces, self.state.u)
+        return gather_fields(self.share, self.forces, self.state.u)
 
     def internal_forces(self) -> NodalForces | None:
         """Forces by which bonds and elements resist the displacements, at points and nodes; None except on rank 0.
@@ -61,14 +54,14 @@ class Readings:
         Supports and loads are not in them: in equilibrium they are what these put on the body. Points of the overlap
         hand theirs to the nodes that they follow, and have 0.
         """
-        return gather_forces(self.discretization, self.model, -self.evaluate())
+        return gather_forces(self.share, self.model, -self.evaluate())
 
     def damage(self) -> np.ndarray | None:
         """Local damage (eq. 5) of all points, float64, shape (n_points,); None except on rank 0.
 
         The deck must have ``output.damage = true``: weights of the intact bonds are kept for it.
         """
-        return gather_damage(self.discretization, self.model)
+        return gather_damage(self.share, self.model)
 
     def bonds(self) -> BondList | None:
         """The intact bonds that this rank computes, each of the body on one rank; None without peridynamics.
@@ -79,7 +72,7 @@ class Readings:
             return None
         if not self._evaluated:
             self.evaluate()
-        units = self.discretization.units
+        units = self.share.units
         found = list_bonds(self.model.points, self.model.bonds, self.forces.of_bonds.S)
         return replace(
             found,
@@ -96,16 +89,17 @@ class Readings:
         return self.failure.broken_pairs() if self.failure else np.empty((0, 2), np.int64)
 
     @property
-    def points(self) -> np.ndarray:
-        """Reference positions of the peridynamic points, float64, shape (n_points, 3)."""
-        return point_positions(self.discretization)
+    def points(self) -> np.ndarray | None:
+        """Reference positions of the peridynamic points, float64, shape (n_points, 3); None except on rank 0."""
+        return getattr(gather_geometry(self.share), "point_positions", None)
 
     @property
-    def nodes(self) -> np.ndarray:
-        """Reference positions of the nodes of elements, float64, shape (n_nodes, 3)."""
-        return node_positions(self.discretization)
+    def nodes(self) -> np.ndarray | None:
+        """Reference positions of the nodes of elements, float64, shape (n_nodes, 3); None except on rank 0."""
+        return getattr(gather_geometry(self.share), "node_positions", None)
 
     @property
-    def cells(self) -> Cells:
-        """The cells of the mesh: corners, regions, and what describes each."""
-        return list_cells(self.scene, self.discretization)
+    def cells(self) -> Cells | None:
+        """The cells of the mesh: corners, regions, and what describes each; None except on rank 0."""
+        geometry = gather_geometry(self.share)
+        return list_cells(self.scene, geometry) if geometry else None

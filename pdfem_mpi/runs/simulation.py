@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.loads import Load, Support
 from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.scene import Scene
@@ -24,7 +25,7 @@ from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS
 from pdfem_mpi.runs.history_rows import history_row
 from pdfem_mpi.runs.memory_estimate import Need
 from pdfem_mpi.runs.memory_report import features_of
-from pdfem_mpi.runs.prepare import prepare, warm_up
+from pdfem_mpi.runs.prepare import cut_again, prepare, warm_up
 from pdfem_mpi.runs.readings import Readings
 from pdfem_mpi.solvers.convergence import Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
@@ -54,9 +55,9 @@ class Simulation(Readings):
 
     Attributes
     ----------
-    discretization, need, model, case, state, forces, failure, solver
-        Its parts: the body and what memory it needs, this rank's equations, loads, unknowns and forces, the books of
-        broken bonds (None where none can break), and the solver (None before it is needed).
+    share, need, model, case, state, forces, failure, solver
+        Its parts: the rank's share of the body and what memory it needs, this rank's equations, loads, unknowns and
+        forces, the books of broken bonds (None where none can break), and the solver (None before it is needed).
 
     Raises
     ------
@@ -75,7 +76,7 @@ class Simulation(Readings):
         scene: Scene,
         comm: Any = None,
         *,
-        prepared: tuple[Discretization, Need] | None = None,
+        prepared: tuple[Share, Need] | None = None,
         caches: Sequence[Path] = (),
         evaluations: int = 0,
     ):
@@ -84,18 +85,18 @@ class Simulation(Readings):
         if prepared is None:
             warm_up(self.comm, features_of(scene))
             prepared = prepare(scene, self.comm)
-        self.discretization, self.need = prepared
-        self.model = build_model(scene, self.discretization, self.comm, caches)
-        self.case = make_load_case(scene, self.discretization, self.model)
+        self.model = build_model(scene, prepared[0], self.comm, caches)
+        self.share, self.need = replace(prepared[0], boundaries=None), prepared[1]  # the whole body goes here
+        self.case = make_load_case(scene, self.share, self.model)
         self.state = new_state(self.model)
         self.forces = Forces(self.model, self.state.bounds, evaluations=evaluations)
-        self.failure = make_failure(scene, self.discretization, self.model)
+        self.failure = make_failure(scene, self.share, self.model)
         self.solver: EquilibriumSolver | None = None
         self._evaluated = False
 
     def prepare_solver(self, note: Note = ignore, stop_requests: Any = NO_STOP_REQUESTS) -> EquilibriumSolver:
         """Set up the scene's solver for the loads as they are; ``note`` is called with remarks for the user."""
-        self.solver = make_solver(self.scene, self.discretization, self.forces, self.case, note, stop_requests)
+        self.solver = make_solver(self.scene, self.share, self.forces, self.case, note, stop_requests)
         return self.solver
 
     def follow(self, watch: Watch = ignore) -> Iterator[Report]:
@@ -147,18 +148,18 @@ class Simulation(Readings):
         scene = self.scene.model_copy(update=changed)
         if problems := scene.problems():
             raise SceneError([f"{problem.key} {problem.text}" for problem in problems])
-        case = make_load_case(scene, self.discretization, self.model)
-        self.scene, self.case, self.solver = scene, case, None
+        share = cut_again(scene, self.share)
+        case = make_load_case(scene, share, self.model)
+        self.scene, self.share, self.case, self.solver = scene, share, case, None
 
     def row(self, report: Report) -> dict[str, Any]:
         """A report of the load program in the deck's units, by the columns of history.csv."""
-        return history_row(report, self.discretization.units, self.failure is not None)
+        return history_row(report, self.share.units, self.failure is not None)
 
     @property
     def parts(self) -> tuple[Any, ...]:
         """What it is made of, in the order in which memory is counted."""
-        body = self.discretization, self.model, self.case, self.state
-        return (*body, self.forces, self.failure, self.solver)
+        return self.share, self.model, self.case, self.state, self.forces, self.failure, self.solver
 
     def displace(self, field: Callable[[np.ndarray], np.ndarray]) -> None:
         """Give all points and nodes, supported ones too, the displacements ``field(x)``; bonds break in no case.
@@ -168,7 +169,7 @@ class Simulation(Readings):
         field : callable
             Of reference positions, float64, shape (n, 3); returns displacements of that shape, dimension length.
         """
-        units, unknowns = self.discretization.units, self.model.unknowns
+        units, unknowns = self.share.units, self.model.unknowns
         places = positions(self.model) * units.length + units.origin
         rows = np.asarray(field(places), float) / units.length
         self.state.u[:] = unknowns.join(np.broadcast_to(rows, places.shape))

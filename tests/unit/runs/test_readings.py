@@ -50,7 +50,7 @@ def test_listed_bonds_hold_the_stored_energy(kinematics):
         exact = ((bonds.vector @ STRAIN) * bonds.vector).sum(axis=1) / bonds.length**2
     np.testing.assert_allclose(bonds.stretch, exact, rtol=0, atol=ROUND_OFF)
     energy = simulation.forces.stored_energy(simulation.state.u)
-    energy *= simulation.discretization.units.force * simulation.discretization.units.length
+    energy *= simulation.share.units.force * simulation.share.units.length
     assert 0.5 * (bonds.stiffness * bonds.stretch**2).sum() == pytest.approx(energy, rel=STORED)
 
 

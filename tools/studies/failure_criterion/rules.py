@@ -26,7 +26,7 @@ class Ruled(Failure):
         order = np.argsort(points.cell_key)
         cells = order[np.searchsorted(points.cell_key, bonds.points // 8, sorter=order)]
         self.ends = 8 * cells + bonds.points % 8
-        self.vector = bonds.vector / simulation.discretization.units.length
+        self.vector = bonds.vector / simulation.share.units.length
         self.square = (self.vector**2).sum(axis=1)
         self.setting, self.breaking, self.left = setting, breaking, np.ones(len(self.ends), bool)
         limit = self.stretch[tuple(self.class_of[self.ends // 4].T)]
