@@ -30,6 +30,7 @@ from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors, mirrors_at
 from pdfem_mpi.mesh.quality import Quality, folded_cells, measure
+from pdfem_mpi.parallel.comm import report_progress
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,8 @@ class Discretization:
         Guarded cutoff radius in model units; 0 without peridynamics.
     mirrors : Mirrors
         Mirror planes in model units.
+    has_cycle : bool
+        Equilibria are found by conjugate gradients, whose preconditioner works on every cell.
     """
 
     mesh: HexMesh
@@ -85,6 +88,7 @@ class Discretization:
     carries: np.ndarray
     cutoff: float
     mirrors: Mirrors
+    has_cycle: bool = False
 
     @property
     def n_point_cells(self) -> int:
@@ -176,12 +180,14 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
     """
     mesh = make_mesh(scene) if mesh is None else mesh
     quality = measure(mesh)
+    report_progress()
     region = assign_regions(scene, mesh)
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
     materials = material_table(scene)
     material = np.array([materials.names.index(r.material) for r in scene.regions], np.int16)[region]
     bodies = _find_bodies(scene, mesh, peridynamic, materials, material)
     is_overlap, has_points = bodies.is_overlap, bodies.number >= 0
+    report_progress()
     check_folded(mesh, quality, has_points)
     cannot_bond = materials.poissons_ratio != PERIDYNAMIC_POISSONS_RATIO
     check_overlap_materials(scene, mesh, region, is_overlap & cannot_bond[material])
@@ -214,6 +220,7 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         carries=carries,
         cutoff=cutoff,
         mirrors=mirrors_at(scene.mesh.symmetry, *(np.array([mesh.lower, mesh.upper]) - units.origin) / length),
+        has_cycle=scene.has_cycle,
     )
 
 

@@ -14,12 +14,17 @@ from scipy.spatial import cKDTree
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.kernels.exact_sums import MOST_RANKS
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.parallel.bisection import bisect
+from pdfem_mpi.parallel.comm import report_progress
 
-#: Cost of a bond sweep over the neighbour cells of a peridynamic cell, per neighbour, and of one element; units of ns.
-NEIGHBOUR_COST, ELEMENT_COST = 40, 60
+#: Cost of a bond sweep over the neighbour cells of a peridynamic cell, per neighbour, of one element, and of any cell
+#: in the cycle of conjugate gradients' preconditioner; units of ns.
+NEIGHBOUR_COST, ELEMENT_COST, CYCLE_COST = 40, 60, 280
+#: Cells between two beats of this rank: it is at work, and says so.
+BATCH = 65536
 
 
 @dataclass(frozen=True)
@@ -69,22 +74,30 @@ def partition(discretization: Discretization, n_parts: int) -> np.ndarray:
     Raises
     ------
     SceneError
-        More parts than cells.
+        More parts than cells, or than sums are exact for.
     """
+    if n_parts > MOST_RANKS:
+        raise SceneError(
+            [f"{n_parts} ranks are more than {MOST_RANKS:,}, up to which sums over ranks are exact. Use fewer."]
+        )
     n_cells = len(discretization.mesh.cells)
     if n_parts > n_cells:
         raise SceneError(
             [f"{n_parts} ranks cannot share {n_cells} cells. Use at most {n_cells} ranks, or a finer mesh."]
         )
     centroids = (discretization.mesh.centroids - discretization.units.origin) / discretization.units.length
-    weights = np.zeros(n_cells, np.int64)
+    weights = np.full(n_cells, CYCLE_COST if discretization.has_cycle else 0, np.int64)
     weights[discretization.has_nodes] += ELEMENT_COST
     if discretization.has_points.any() and n_parts > 1:
         chosen = centroids[discretization.has_points]
         _, _, images = near_images(discretization, chosen, chosen)
         tree = cKDTree(np.concatenate([chosen, images]))
-        counts = tree.query_ball_point(chosen, discretization.cutoff, return_length=True)
-        weights[discretization.has_points] += NEIGHBOUR_COST * counts.astype(np.int64)
+        counts = np.zeros(len(chosen), np.int64)
+        for start in range(0, len(chosen), BATCH):
+            part = slice(start, start + BATCH)
+            counts[part] = tree.query_ball_point(chosen[part], discretization.cutoff, return_length=True)
+            report_progress()
+        weights[discretization.has_points] += NEIGHBOUR_COST * counts
     return bisect(centroids, weights, n_parts)
 
 

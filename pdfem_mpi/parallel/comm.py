@@ -180,6 +180,19 @@ def on_root(comm: Intracomm, action: Callable[[], Any]) -> Any:
     return result
 
 
+def on_root_beating(comm: Intracomm, action: Callable[[Callable[[], None]], None]) -> None:
+    """Run ``action(beat)`` on rank 0, where it may take long; every call of ``beat`` is heard by all. Collective.
+
+    The action keeps its errors to itself.
+    """
+    if comm.rank == 0:
+        action(lambda: broadcast(comm, True))
+        broadcast(comm, False)
+        return
+    while broadcast(comm, False):
+        pass
+
+
 def install_abort_hook(comm: Intracomm) -> None:
     """Make an uncaught exception on one rank, in any thread, stop all ranks with exit code 70.
 

@@ -24,8 +24,9 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.solvers.preconditioner.levels import DAMPING, Level, factorise, solve
 
-#: Spacing of the grid in cell edges.
-COARSENING = 2.0
+#: Spacing of the grid in cell edges; of bodies with more cells than that, the wider one: a third of the grid's work and
+#: memory for one or two iterations more (docs/scaling.md).
+COARSENING, WIDER, MANY_CELLS = 2.0, 3.0, 50_000
 #: Most entries of the factor, 8 bytes each on every rank: unknowns times half a band.
 MOST_FILL = 2.5e7
 #: Added to the diagonal, relative: pins the rigid motions of free bodies.
@@ -94,12 +95,7 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
     comm, nodes, subdomain = intact.comm, intact.nodes, intact.subdomain
     positions, cells = share.nodes, share.mesh.cells
     lower, upper = share.lower, share.upper
-    spacing = COARSENING * share.typical_edge
-    counts = np.maximum(1, np.rint((upper - lower) / spacing)).astype(np.int64)
-    n_halvings = 0
-    while _fill(_halved(counts, n_halvings)) > MOST_FILL:
-        n_halvings += 1
-    counts = _nested(counts, n_halvings)
+    counts, n_halvings = grid_counts(share)
     h = (upper - lower) / counts
 
     own = subdomain.elements
@@ -152,6 +148,16 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
         number, counts = below, _halved(counts, 1)
     levels.append(Level(factorise(matrix, number, counts)))
     return Grid(corners, weights, n_nodes, tuple(levels), free)
+
+
+def grid_counts(share: Share) -> tuple[np.ndarray, int]:
+    """Cells of the grid along the axes, int64 (3,), and how often they are halved; by the whole body alone."""
+    spacing = share.typical_edge * (WIDER if share.counts.cells > MANY_CELLS else COARSENING)
+    counts = np.maximum(1, np.rint((share.upper - share.lower) / spacing)).astype(np.int64)
+    n_halvings = 0
+    while _fill(_halved(counts, n_halvings)) > MOST_FILL:
+        n_halvings += 1
+    return _nested(counts, n_halvings), n_halvings
 
 
 def _halved(counts: np.ndarray, times: int) -> np.ndarray:
