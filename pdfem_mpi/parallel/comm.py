@@ -83,7 +83,10 @@ _observers: list[Callable[[], None]] = []
 
 @contextmanager
 def observing_progress(beat: Callable[[], None]) -> Iterator[None]:
-    """Call ``beat`` whenever something comes through from the other ranks: a sum, an object or a slab of rows."""
+    """Call ``beat`` whenever something comes through from the other ranks: a sum, an object or a slab of rows.
+
+    Also while this rank works for long by itself, in a loop that ends for sure.
+    """
     _observers.append(beat)
     try:
         yield
@@ -92,7 +95,7 @@ def observing_progress(beat: Callable[[], None]) -> Iterator[None]:
 
 
 def report_progress() -> None:
-    """Call the observers: something came through from the other ranks."""
+    """Call the observers: something came through from the other ranks, or this one is at work."""
     for beat in _observers:
         beat()
 

@@ -38,7 +38,7 @@ POINT_BYTES = 170
 #: Vectors over the unknowns of a point or node while a load case is made: state, loads, one rigid mode at a time.
 MOTION_BYTES = 330
 #: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model, for a cell; and its
-#: coarse grid, which stands on every rank, for a cell of the grid.
+#: coarse grid, which rank 0 has, for a cell of the grid.
 GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES, GRID_CELL_BYTES = 320, 700, 16_000
 #: Table, vectors, blocks and multipliers of a point while bond factors are fitted.
 FIT_POINT_BYTES = 1700
@@ -127,7 +127,7 @@ def estimate(scene: Scene, share: Share) -> Need:
     if scene.has_cycle:
         later += 8 * len(subdomain.free) * GRADIENT_POINT_BYTES
         later += (len(cells) + len(subdomain.elements)) * GRADIENT_CELL_BYTES
-        later += float(np.prod(grid_counts(share)[0])) * GRID_CELL_BYTES
+        later += float(np.prod(grid_counts(share)[0])) * GRID_CELL_BYTES * (share.comm.rank == 0)
     fit = 0.0
     if bonds and scene.peridynamics.surface_correction == "fitted":
         fit = 8 * (len(cells) + len(subdomain.ghosts)) * FIT_POINT_BYTES
