@@ -12,8 +12,10 @@ subtraction.
 from __future__ import annotations
 
 import hashlib
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,11 +28,15 @@ from pdfem_mpi.body.regions import assign_regions
 from pdfem_mpi.deck.materials import PERIDYNAMIC_POISSONS_RATIO
 from pdfem_mpi.deck.meshes import FileMesh, PlateWithHoleMesh
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors, mirrors_at
 from pdfem_mpi.mesh.quality import Quality, folded_cells, measure
-from pdfem_mpi.parallel.comm import report_progress
+from pdfem_mpi.parallel.comm import largest, report_progress, sum_integers
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
 
 
 @dataclass(frozen=True)
@@ -164,13 +170,15 @@ class Discretization:
         return self.has_stiffness | self.is_overlap
 
 
-def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
+def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None = None) -> Discretization:
     """Decide what every cell of the scene's mesh carries.
 
     Parameters
     ----------
     mesh : HexMesh, optional
         What `make_mesh` gave; made here, if not given.
+    comm : Intracomm, optional
+        Ranks that share the work; collective then.
 
     Raises
     ------
@@ -179,7 +187,7 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         whose material cannot have bonds, bodies that cannot be fitted.
     """
     mesh = make_mesh(scene) if mesh is None else mesh
-    quality = measure(mesh)
+    quality = _measure(mesh, comm)
     report_progress()
     region = assign_regions(scene, mesh)
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
@@ -222,6 +230,21 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         mirrors=mirrors_at(scene.mesh.symmetry, *(np.array([mesh.lower, mesh.upper]) - units.origin) / length),
         has_cycle=scene.has_cycle,
     )
+
+
+def _measure(mesh: HexMesh, comm: Intracomm | None) -> Quality:
+    """Quality of all cells, each rank measuring a block of them; errors are those of the whole mesh."""
+    if comm is None or comm.size == 1:
+        return measure(mesh)
+    n, found = len(mesh.cells), None
+    with suppress(SceneError):
+        found = measure(HexMesh(mesh.nodes, mesh.cells[n * comm.rank // comm.size : n * (comm.rank + 1) // comm.size]))
+    if sum_integers(comm, np.array([found is None]))[0]:
+        return measure(mesh)
+    low = largest(comm, -np.array([found.shortest_edge, found.smallest_scaled_jacobian, found.smallest_gauss_volume]))
+    (longest,) = largest(comm, np.array([found.longest_edge])).tolist()
+    shortest, jacobian, volume = (-low).tolist()
+    return Quality(shortest, longest, jacobian, volume)
 
 
 def _find_bodies(

@@ -16,7 +16,7 @@ CORNERS = np.array([(1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7), (7, 5, 0), (4, 6
 #: Volumes of Gauss points and lengths below this fraction of the longest edge's are round-off of nothing at all.
 FLAT = 1e-15
 #: Cells measured together.
-BATCH = 2**15
+BATCH = 2**12
 #: Bad cells that a message lists.
 LISTED = 3
 

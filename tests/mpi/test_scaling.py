@@ -6,8 +6,12 @@ Also run on 8 and 32 ranks, oversubscribed: 216 cells a rank.
 import numpy as np
 import pytest
 
+from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.share import share_of
+from pdfem_mpi.body.subdomain import partition
 from pdfem_mpi.kernels.exact_sums import SIZE
 from pdfem_mpi.parallel.comm import sum_integers, world
+from pdfem_mpi.parallel.slabs import gather_rows
 from pdfem_mpi.solvers.preconditioner.coarse_grid import grid_counts
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from pdfem_mpi.stepping import follow_load_program, make_solver
@@ -45,3 +49,15 @@ def test_the_coarse_grid_is_on_the_first_rank_alone():
     assert_all(comm, whole == np.prod(grid_counts(body.share)[0] + 1), f"{whole} grid nodes are owned")
     seen = (6 // 2 + 3) * (6 // 2 + 1) ** 2  # of a cube, with the layer on each side
     assert_all(comm, comm.rank == 0 or (not grid.levels and grid.halo.n_ghost <= seen), f"{grid.halo.n_ghost} seen")
+
+
+def test_shares_are_those_that_one_rank_would_cut():
+    """Ranks share out the measuring of cells and the counting of neighbours: the same owners, the same quality."""
+    comm = world()
+    scene = scene_of(comm.size, 3 * comm.size)
+    whole, share = discretize(scene), share_of(scene, comm)
+    owner = partition(whole, comm.size)
+    assert_all(comm, share.quality == whole.quality, f"{share.quality}")
+    assert_all(comm, (share.cell_owner == owner[share.mesh.cell_id]).all(), "other owners")
+    cells = gather_rows(comm, share.mesh.cell_id[share.is_owned], share.mesh.cell_id[share.is_owned], len(owner))
+    assert_all(comm, cells is None or (cells == np.arange(len(owner))).all(), "cells without an owner")
