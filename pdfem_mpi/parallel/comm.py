@@ -11,10 +11,12 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from pdfem_mpi.parallel.traffic import TRAFFIC
 from pdfem_mpi.system.exit_codes import EXIT_INTERNAL_ERROR
 
 if TYPE_CHECKING:
@@ -109,7 +111,9 @@ def sum_integers(comm: Intracomm, values: Array) -> Array:
     """
     own = np.asarray(values).astype(np.int64, order="C", casting="safe")
     total = np.empty_like(own)
+    began = perf_counter()
     comm.Allreduce(own, total, op=mpi().SUM)
+    TRAFFIC.add_reduction(own.nbytes, perf_counter() - began)
     report_progress()
     return total
 
@@ -127,7 +131,9 @@ def largest(comm: Intracomm, values: Array) -> Array:
     # MAX would leave it to the order of ranks what becomes of NaN and of -0
     both = np.stack([np.where(is_nan, -np.inf, own) + 0.0, is_nan])
     result = np.empty_like(both)
+    began = perf_counter()
     comm.Allreduce(both, result, op=mpi().MAX)
+    TRAFFIC.add_reduction(both.nbytes, perf_counter() - began)
     report_progress()
     return np.where(result[1] > 0.0, np.nan, result[0])
 

@@ -12,6 +12,7 @@ from pdfem_mpi.body.subdomain import partition
 from pdfem_mpi.kernels.exact_sums import SIZE
 from pdfem_mpi.parallel.comm import sum_integers, world
 from pdfem_mpi.parallel.slabs import gather_rows
+from pdfem_mpi.parallel.traffic import TRAFFIC, join
 from pdfem_mpi.solvers.preconditioner.coarse_grid import grid_counts
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from pdfem_mpi.stepping import follow_load_program, make_solver
@@ -35,9 +36,18 @@ def test_an_iteration_reduces_little_and_sends_to_neighbours(coupled):
     body = build(scene_of(counted.size, 3 * counted.size if coupled else 0), counted)
     solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
     counted.reset()
+    TRAFFIC.clear()
     (row,) = follow_load_program(body.scene, solve, None, body.state, body.case)
     assert_all(counted, 0 < counted.largest <= MOST_BYTES, f"a reduction of {counted.largest} bytes")
     assert_all(counted, row.convergence.residual <= 1e-3)
+    own = TRAFFIC.copy()
+    same = own.sent_bytes, own.messages, own.reductions, own.largest_reduction
+    assert_all(
+        counted, same == (counted.sent, counted.calls["Isend"], counted.calls["Allreduce"], counted.largest), f"{same}"
+    )
+    found = join(counted, own, 1.0, row.convergence.evaluations)
+    assert_all(counted, (found is None) == (counted.rank > 0 or counted.size == 1))
+    assert_all(counted, found is None or (found["imbalance"] >= 1.0 and found["messages_per_evaluation"]["mean"] > 1.0))
 
 
 def test_the_coarse_grid_is_on_the_first_rank_alone():
