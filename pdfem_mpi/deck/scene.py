@@ -52,6 +52,7 @@ from pdfem_mpi.deck.peridynamics import (
     check_volumetric,
 )
 from pdfem_mpi.deck.programs import (
+    Events,
     Solver,
     Stepping,
     Steps,
@@ -106,6 +107,11 @@ class Scene(Table):
     def has_peridynamics(self) -> bool:
         """Whether some region is described by peridynamics."""
         return has_model(self.regions, "peridynamics")
+
+    @property
+    def has_cycle(self) -> bool:
+        """Whether equilibria are found by conjugate gradients, with a cycle over all cells as preconditioner."""
+        return self.solver.kind == "cg" or isinstance(self.stepping, Events)
 
     @property
     def has_finite_elements(self) -> bool:

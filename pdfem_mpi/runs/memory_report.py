@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.deck.programs import Events, Ramp, Steps
+from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
@@ -43,8 +43,7 @@ SHARED_OUT = ("damage_weights", "overlap", "masses", "state")
 def features_of(scene: Scene) -> frozenset[str]:
     """What a scene has, in the words of `kernels.warm_up.NEEDED_BY`."""
     bonds, settings = scene.has_peridynamics, scene.peridynamics
-    events = isinstance(scene.stepping, Events)
-    cg = scene.solver.kind == "cg" or events
+    cg = scene.has_cycle
     has = {
         "bonds": bonds,
         scene.kinematics: bonds,

@@ -31,8 +31,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         After its end.
     findings : Findings
     facts : dict
-        What only the run knows: deck_text, fields_sha256, counts, bonds_per_rank, evaluations, seconds,
-        seconds_of_all_starts, memory.
+        What only the run knows: deck_text, fields_sha256, counts, bonds_per_rank, evaluations, memory, times.
     """
     simulation, checkpoints, ended = march.simulation, march.checkpoints, march.ended
     model, share = simulation.model, simulation.share
@@ -71,6 +70,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         "probes": march.outputs.results,
         "seconds": facts["seconds"],
         "memory": facts["memory"],
+        "communication": ended.communication,
         "versions": {
             "pdfem_mpi": __version__,
             "python": platform.python_version(),
@@ -156,8 +156,21 @@ def end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
         rows.append((name.replace("_", " "), text + unit))
     seconds = summary["seconds"]
     rows.append(("seconds: set-up, solve, total", ", ".join(f"{seconds[k]:.1f}" for k in ("setup", "solve", "total"))))
+    if summary["communication"]:
+        rows.append(("between ranks", _describe_communication(summary["communication"])))
     rows.append(("peak memory per rank", f"{max(summary['memory']['peak_bytes_per_rank']) / 2**20:.0f} MiB"))
     return rows
+
+
+def _describe_communication(between: dict[str, Any]) -> str:
+    """Balance, waiting and what was sent, in words."""
+    computed, waited = (between[f"seconds_{what}"]["mean"] for what in ("computed", "waited"))
+    sent, size = (between[f"{what}_per_evaluation"]["mean"] for what in ("messages", "bytes"))
+    share = 100.0 * waited / max(computed + waited, 1e-9)
+    return (
+        f"the busiest computed {between['imbalance']:.2f} times the mean, {share:.0f} % of the time was waited, "
+        f"{sent:.0f} messages and {size / 2**10:.0f} KiB sent a rank and evaluation"
+    )
 
 
 def sha256(text: str) -> str:

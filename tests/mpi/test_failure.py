@@ -69,7 +69,7 @@ def test_cells_dealt_out_at_random(comm, monkeypatch):
     """Every bond may be between ranks."""
     expected = on_one_rank("events, elements")
 
-    def random_owners(discretization, n_parts):
+    def random_owners(discretization, n_parts, neighbours):
         return (np.random.default_rng(3).permutation(len(discretization.mesh.cells)) % n_parts).astype(np.int32)
 
     monkeypatch.setattr(share_module, "partition", random_owners)

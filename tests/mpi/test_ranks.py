@@ -213,7 +213,7 @@ def test_equilibrium_does_not_depend_on_the_number_of_ranks(comm, name, solver):
     assert_same(comm, found, expected)
 
 
-def random_owners(discretization, n_parts, seed):
+def random_owners(discretization, n_parts, neighbours, seed):
     """Cells dealt out one by one, none left out: every cell has neighbours elsewhere."""
     rng = np.random.default_rng(seed)
     n_cells = len(discretization.mesh.cells)
@@ -222,21 +222,21 @@ def random_owners(discretization, n_parts, seed):
     return owner.astype(np.int32)
 
 
-def by_model(discretization, n_parts):
+def by_model(discretization, n_parts, neighbours):
     """The last rank has all peridynamic cells and nothing else, the others share the elements."""
     owner = np.arange(len(discretization.mesh.cells)) % max(1, n_parts - 1)
     owner[discretization.has_points & ~discretization.is_overlap] = n_parts - 1
     return owner.astype(np.int32)
 
 
-def points_without_overlap(discretization, n_parts):
+def points_without_overlap(discretization, n_parts, neighbours):
     """Rank 0 has all cells with points, overlap included; the others have elements only."""
     owner = np.arange(len(discretization.mesh.cells)) % max(1, n_parts - 1) + (n_parts > 1)
     owner[discretization.has_points] = 0
     return owner.astype(np.int32)
 
 
-def single_cell(discretization, n_parts, kind):
+def single_cell(discretization, n_parts, neighbours, kind):
     """The last rank owns one cell: of elements, of overlap, or peridynamic."""
     free = discretization.has_points & ~discretization.is_overlap
     chosen = {"element": ~discretization.has_points, "overlap": discretization.is_overlap, "free": free}[kind]
@@ -245,9 +245,9 @@ def single_cell(discretization, n_parts, kind):
     return owner.astype(np.int32)
 
 
-def reversed_ranks(discretization, n_parts, partition):
+def reversed_ranks(discretization, n_parts, neighbours, partition):
     """The parts of a run, given to the ranks in reverse."""
-    return n_parts - 1 - partition(discretization, n_parts)
+    return n_parts - 1 - partition(discretization, n_parts, neighbours)
 
 
 OWNERS = {
