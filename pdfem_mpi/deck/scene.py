@@ -26,6 +26,7 @@ from pdfem_mpi.deck.loads import (
     check_tractions,
 )
 from pdfem_mpi.deck.materials import Interface, Material, check_contrast, check_material_names
+from pdfem_mpi.deck.mechanical_probes import check_set_probes
 from pdfem_mpi.deck.meshes import Mesh
 from pdfem_mpi.deck.outputs import (
     Checkpoint,
@@ -144,6 +145,8 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("mesh", "loads"), check_mirrored_loads),
     (("mesh", "supports"), check_mirrored_supports),
     (("mesh", "probes"), check_mirrored_bars),
+    (("mesh", "probes"), functools.partial(check_sets, "probes")),
+    (("regions", "probes"), check_set_probes),
 )
 
 

@@ -137,7 +137,7 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm, f
         if remaining > CONVERGED:
             virial = scene.peridynamics.surface_correction != "appendix_a"
             most_uneven = most_uneven_point(comm, points, discretization.materials, bonds, virial)
-        if scene.output.damage:
+        if scene.output.has_damage:
             intact_weights = family_weights(comm, points, bonds)
         if scene.can_fail:
             own_energy = energy_of_own_bonds(comm, scene, discretization, subdomain.point_cells, points, bonds)

@@ -17,7 +17,7 @@ from pdfem_mpi.runs.checkpoints import CheckpointWriter
 from pdfem_mpi.runs.memory_report import Watched
 from pdfem_mpi.runs.outputs import Outputs
 from pdfem_mpi.runs.reporter import Reporter
-from pdfem_mpi.runs.rows import history_row
+from pdfem_mpi.runs.rows import history_row, probe_row
 from pdfem_mpi.runs.simulation import Simulation
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import Report
@@ -102,7 +102,7 @@ class March:
             if not self.wanted:
                 ended.digest = digest_fields(simulation.discretization, simulation.forces, state.u)
             elif not rows:
-                ended.fields = gather_fields(simulation.discretization, simulation.forces, state.u)
+                ended.fields = self._gather(())
             state.program["over"] = 1
             self.pauses.save(state)
         except (NotConverged, NotFinite) as error:
@@ -122,6 +122,12 @@ class March:
         scene = self.simulation.scene
         self.reporter.progress(step, scene.stepping.n_steps, progress, scene.solver.tolerance)
 
+    def _gather(self, names: tuple[str, ...]) -> Fields | None:
+        """The fields of these names beside the displacements, and what probes read. Collective."""
+        simulation = self.simulation
+        body = simulation.discretization, simulation.forces, simulation.state.u
+        return gather_fields(*body, names, simulation.probe_reader)
+
     def _write(self, report: Report) -> None:
         """Give a row of the load program to the outputs. Collective."""
         simulation, ended = self.simulation, self.ended
@@ -131,8 +137,9 @@ class March:
             self._told_of_strains = True
         began = perf_counter()
         if self.wanted:
-            ended.fields = gather_fields(simulation.discretization, simulation.forces, simulation.state.u)
+            ended.fields = self._gather(simulation.scene.output.mechanical)
         columns = history_row(report, simulation.discretization.units, simulation.failure is not None)
+        columns |= probe_row(simulation.scene.probes, ended.fields.probed if ended.fields else {})
         ended.damage = gather_damage(simulation.discretization, simulation.model, self.remaining, simulation.failure)
         on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))
         self.reporter.row(columns)

@@ -53,7 +53,8 @@ def features_of(scene: Scene) -> frozenset[str]:
         "fitted": bonds and settings.surface_correction == "fitted",
         "noise": settings.stiffness_noise > 0.0,
         "cracks": bool(scene.cracks),
-        "damage": scene.output.damage,
+        "damage": scene.output.has_damage,
+        "stresses": bonds and bool(scene.output.mechanical),
         "mirrors": bool(scene.mesh.symmetry),
         "overlap": scene.is_coupled,
         "cg": cg,
@@ -238,7 +239,7 @@ def left_out(scene: Scene, discretization: Discretization, failure: Failure | No
         because("no bond broke", "broken_bonds")
     if not scene.mesh.symmetry:
         because("mesh.symmetry is empty", "mirror_images")
-    if not scene.output.damage:
+    if not scene.output.has_damage:
         because("output.damage = false", "damage_weights")
     if not has_nodes:
         because("no cell is a finite element", "nodes", "elements", "overlap")

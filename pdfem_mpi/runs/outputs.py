@@ -27,6 +27,8 @@ from pdfem_mpi.runs.frames import (
     FramesOutput,
     create_elements,
     create_points,
+    fields_of_elements,
+    fields_of_points,
 )
 from pdfem_mpi.runs.output import Output, Place
 from pdfem_mpi.runs.probes import OF_PROBE
@@ -109,10 +111,11 @@ def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
     """
     outputs = Outputs(place, HistoryOutput(columns))
     discretization = place.discretization
-    if place.scene.output.fields and discretization.has_points.any():
-        outputs.frames.append(FramesOutput(POINTS_FILE, create_points, lambda fields: fields.u_points, True))
-    if place.scene.output.fields and discretization.has_nodes.any():
-        outputs.frames.append(FramesOutput(ELEMENTS_FILE, create_elements, lambda fields: fields.u_nodes))
+    names = place.scene.output.names
+    if names and discretization.has_points.any():
+        outputs.frames.append(FramesOutput(POINTS_FILE, create_points, fields_of_points, names, True))
+    if names and discretization.has_nodes.any():
+        outputs.frames.append(FramesOutput(ELEMENTS_FILE, create_elements, fields_of_elements, names))
     outputs.probes += [OF_PROBE[type(probe)](probe) for probe in place.scene.probes]
     return outputs
 

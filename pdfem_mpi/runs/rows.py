@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pdfem_mpi.body.discretization import ModelUnits
+from pdfem_mpi.deck.mechanical_probes import CutProbe
 from pdfem_mpi.stepping import Report
 
 HISTORY = (
@@ -18,9 +20,20 @@ FAILURE_HISTORY = (
 )  # fmt: skip
 
 
-def columns_of(fails: bool) -> tuple[str, ...]:
-    """Columns of history.csv; more where bonds can break."""
-    return HISTORY + FAILURE_HISTORY if fails else HISTORY
+def columns_of(fails: bool, probes: Sequence[Any] = ()) -> tuple[str, ...]:
+    """Columns of history.csv; more where bonds can break, and of probes that are read at every row."""
+    return (HISTORY + FAILURE_HISTORY if fails else HISTORY) + tuple(probe_row(probes, {}))
+
+
+def probe_row(probes: Sequence[Any], probed: Mapping[str, Any]) -> dict[str, float | None]:
+    """What the cuts among the probes carry, by their columns of history.csv; None where that is not known."""
+    cuts = [probe.name for probe in probes if isinstance(probe, CutProbe)]
+    return {
+        f"{name}_{word}_{axis}": probed[name][word][d] if name in probed else None
+        for name in cuts
+        for word in ("force", "moment")
+        for d, axis in enumerate("xyz")
+    }
 
 
 def history_row(row: Report, units: ModelUnits, fails: bool) -> dict[str, Any]:

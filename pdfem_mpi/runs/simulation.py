@@ -14,6 +14,7 @@ from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.fields import Fields, gather_damage, gather_fields, node_positions, point_positions
+from pdfem_mpi.measure.probed import ProbeReader
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import make_load_case
@@ -88,6 +89,7 @@ class Simulation:
         self.state = new_state(self.model)
         self.forces = Forces(self.model, self.state.bounds, evaluations=evaluations)
         self.failure = make_failure(scene, self.discretization, self.model)
+        self.probe_reader = ProbeReader(scene, self.discretization, self.model)
         self.solver: EquilibriumSolver | None = None
         self._evaluated = False
 
@@ -106,12 +108,8 @@ class Simulation:
     def steps(self, watch: Watch = ignore) -> Iterator[dict[str, Any]]:
         """Follow the scene's load program, and yield a row at each of its equilibria: the columns of history.csv.
 
-        ``watch`` is told of the step and the progress of every iteration.
-
-        Raises
-        ------
-        NotConverged, NotFinite
-            No equilibrium was found.
+        ``watch`` is told of the step and the progress of every iteration. Raises NotConverged or NotFinite where no
+        equilibrium is found.
         """
         for report in self.follow(watch):
             yield self.row(report)
@@ -132,10 +130,7 @@ class Simulation:
     def change_loads(self, loads: Sequence[Load] | None = None, supports: Sequence[Support] | None = None) -> None:
         """Replace the scene's loads or supports; displacements and broken bonds stay.
 
-        Raises
-        ------
-        SceneError
-            On all ranks; the loads before are kept.
+        Raises SceneError on all ranks, and keeps the loads before.
         """
         changed: dict[str, Any] = {}
         if loads is not None:
@@ -165,11 +160,16 @@ class Simulation:
         self.forces.evaluations = before
         self._evaluated = True
 
-    def fields(self) -> Fields | None:
-        """Displacements of all points and nodes; None except on rank 0."""
+    def fields(self, *names: str, probes: ProbeReader | None = None) -> Fields | None:
+        """Displacements, and fields of these names (see ``docs/results.md``); None except on rank 0."""
         if not self._evaluated:
             self.evaluate()
-        return gather_fields(self.discretization, self.forces, self.state.u)
+        return gather_fields(self.discretization, self.forces, self.state.u, names, probes)
+
+    def probes(self) -> dict[str, Any] | None:
+        """What the scene's probes of points, sets and cuts read at the state, by name; None except on rank 0."""
+        fields = self.fields(probes=self.probe_reader)
+        return fields and fields.probed
 
     def damage(self) -> np.ndarray | None:
         """Local damage (eq. 5) of all points, float64, shape (n_points,); None except on rank 0.

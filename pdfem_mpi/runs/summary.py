@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import sys
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -139,6 +140,9 @@ def end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
         rows.append(("net internal force, moment", f"{balance['force']:.1e}, {balance['moment']:.1e} of the sums"))
     length = scene.units.length
     for name, value in summary["probes"].items():
+        if isinstance(value, dict):
+            rows += [(f"{name}, {word}".replace("_", " "), text) for word, text in _nested(value)]
+            continue
         unit = f" {length}" if isinstance(value, list) or name == "end_displacement" else ""
         text = ", ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else f"{value:.6g}"
         rows.append((name.replace("_", " "), text + unit))
@@ -146,6 +150,16 @@ def end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
     rows.append(("seconds: set-up, solve, total", ", ".join(f"{seconds[k]:.1f}" for k in ("setup", "solve", "total"))))
     rows.append(("peak memory per rank", f"{max(summary['memory']['peak_bytes_per_rank']) / 2**20:.0f} MiB"))
     return rows
+
+
+def _nested(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Words and numbers of what a probe found by name; means of what it found over a set."""
+    for word, value in found.items():
+        values = value["mean"] if isinstance(value, dict) else value if isinstance(value, list) else [value]
+        yield (
+            f"mean {word}" if isinstance(value, dict) else word,
+            ", ".join("-" if v is None else f"{v:.6g}" for v in values),
+        )
 
 
 def sha256(text: str) -> str:

@@ -11,6 +11,8 @@ from pdfem_mpi.command.study.outcomes import Outcome
 # Of a summary: what tells nothing about the case, and the wall times, which go last
 NOT_RESULTS = ("schema_version", "exit_code", "ranks", "versions")
 WALL_TIMES = "seconds."
+#: Components of vectors and of symmetric tensors.
+AXES = {3: ("x", "y", "z"), 6: ("xx", "yy", "zz", "xy", "yz", "zx")}
 
 
 def results_of(summary: dict[str, Any]) -> dict[str, float]:
@@ -21,8 +23,8 @@ def results_of(summary: dict[str, Any]) -> dict[str, float]:
         if isinstance(value, dict):
             for key, item in value.items():
                 visit(f"{name}.{key}" if name and name != "probes" else key, item)
-        elif isinstance(value, list) and len(value) == 3 and all(isinstance(item, float) for item in value):
-            for axis, item in zip("xyz", value, strict=True):
+        elif isinstance(value, list) and len(value) in AXES and all(isinstance(item, float) for item in value):
+            for axis, item in zip(AXES[len(value)], value, strict=True):
                 visit(f"{name}_{axis}", item)
         elif isinstance(value, int | float) and not isinstance(value, bool):
             found[name] = value

@@ -1,0 +1,35 @@
+"""Strain and stress of one state, computed once for all that asks for them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.measure.stresses import Mechanics, mechanics_of_bonds, mechanics_of_elements
+from pdfem_mpi.model.forces import Forces
+
+
+class Recovered:
+    """Strain and stress at the forces' last evaluation, computed when they are first asked for, on all ranks."""
+
+    def __init__(self, discretization: Discretization, forces: Forces):
+        self.discretization, self.forces = discretization, forces
+
+    @cached_property
+    def bonds(self) -> Mechanics | None:
+        """Of the peridynamic points. Collective."""
+        return mechanics_of_bonds(self.forces)
+
+    @cached_property
+    def elements(self) -> Mechanics | None:
+        """Of elements and overlap."""
+        return mechanics_of_elements(self.discretization, self.forces)
+
+    def internal(self, u: np.ndarray) -> np.ndarray:
+        """Internal forces at the displacements ``u`` of that evaluation, both of shape (n_unknowns,). Collective."""
+        before, force = self.forces.evaluations, np.empty_like(u)
+        self.forces.evaluate_surely(u, np.zeros_like(u), force)
+        self.forces.evaluations = before
+        return force
