@@ -11,8 +11,8 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.kernels.hex8 import gauss_positions
+from pdfem_mpi.measure.field_values import gather_mechanics
 from pdfem_mpi.measure.recovered import Recovered
-from pdfem_mpi.measure.results import gather_mechanics
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.slabs import gather_rows, gather_slabs
@@ -34,7 +34,7 @@ class Fields:
     u_nodes : float64, shape (n_nodes, 3), dimension length
         Nodes of elements and overlap, in the order of the mesh.
     of_points, of_cells : dict of float64 arrays
-        What was asked for beside them, by name; see `results.gather_mechanics`.
+        What was asked for beside them, by name; see `field_values.gather_mechanics`.
     probed : dict
         What the mechanical probes found, by their names.
     """

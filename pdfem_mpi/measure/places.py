@@ -11,8 +11,8 @@ import numpy as np
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS
 from pdfem_mpi.measure.displacement import locate
+from pdfem_mpi.measure.field_values import field_of, mean_of
 from pdfem_mpi.measure.recovered import Recovered
-from pdfem_mpi.measure.results import field_of, mean_of
 from pdfem_mpi.measure.stresses import Mechanics
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.parallel.slabs import gather_rows

@@ -12,10 +12,10 @@ from pdfem_mpi.deck.outputs import LineProbe
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.cut import Cut, meets_body, near_mirrors, resultant, sides
+from pdfem_mpi.measure.field_values import field_of
 from pdfem_mpi.measure.line import positions_along
 from pdfem_mpi.measure.places import find_places, mechanics_at, over_cells
 from pdfem_mpi.measure.recovered import Recovered
-from pdfem_mpi.measure.results import field_of
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.selection import select_cells
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.finite_elements.nodes import local_nodes
-from pdfem_mpi.kernels.finite_elements import lame_moduli
+from pdfem_mpi.kernels.element_tables import lame_moduli
 from pdfem_mpi.kernels.hex8 import gauss_gradients
 from pdfem_mpi.measure.tensors import determinants, matrices, products, six_of, trace
 from pdfem_mpi.model.forces import Forces
-from pdfem_mpi.peridynamics.stresses import bond_stresses, displacement_gradients
+from pdfem_mpi.peridynamics.virial import bond_stresses, displacement_gradients
 
 #: Elements that are worked on together: their gradients take 1.5 kB each.
 BATCH = 4096
