@@ -68,7 +68,8 @@ class FramesOutput(Output):
         )
         if damage is not None and self.has_damage:
             on_points["damage"] = damage
-        vtkhdf.append_frame(self.path, columns["load_factor"], on_points, on_cells, digest=self.digest)
+        time = columns.get("time", columns["load_factor"])
+        vtkhdf.append_frame(self.path, time, on_points, on_cells, digest=self.digest)
 
 
 def fields_of_points(fields: Fields) -> tuple[Arrays, Arrays]:

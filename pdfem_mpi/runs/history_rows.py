@@ -20,9 +20,10 @@ FAILURE_HISTORY = (
 )  # fmt: skip
 
 
-def columns_of(fails: bool, probes: Sequence[Any] = ()) -> tuple[str, ...]:
-    """Columns of history.csv; more where bonds can break, and of probes that are read at every row."""
-    return (HISTORY + FAILURE_HISTORY if fails else HISTORY) + tuple(probe_row(probes, {}))
+def columns_of(fails: bool, probes: Sequence[Any] = (), timed: bool = False) -> tuple[str, ...]:
+    """Columns of history.csv; more where bonds can break, of a program over a time, and of probes read at every row."""
+    columns = HISTORY + FAILURE_HISTORY if fails else HISTORY
+    return columns + (("time",) if timed else ()) + tuple(probe_row(probes, {}))
 
 
 def probe_row(probes: Sequence[Any], probed: Mapping[str, Any]) -> dict[str, float | None]:
@@ -53,6 +54,8 @@ def history_row(row: Report, units: ModelUnits, fails: bool) -> dict[str, Any]:
         "moment_balance": row.moment_balance,
         "wall_seconds": row.seconds,
     }
+    if row.time is not None:
+        columns["time"] = row.time
     if fails:
         energy = units.force * units.length
         extent = row.extent * units.length + units.origin

@@ -249,7 +249,7 @@ def left_out(scene: Scene, discretization: Discretization, failure: Failure | No
         because("no cell is a finite element", "elements")
     if scene.solver.kind != "cg":
         because(f'solver.kind = "{scene.solver.kind}"', "intact_elements", "coarse_grid", "preconditioner_blocks")
-    if isinstance(scene.stepping, Steps) and len(scene.stepping.load_factors) == 1:
+    if isinstance(scene.stepping, Steps) and scene.stepping.n_steps == 1:
         because("one load step: there is no earlier state to keep", "checkpoint_copy")
     if not (scene.output.fields or scene.probes):
         because("output.fields = false, and no probes", "output")

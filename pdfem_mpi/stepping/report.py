@@ -48,6 +48,8 @@ class Report:
         Bounding box of the midpoints of broken bonds.
     elements : Deformation or None
         Of elements in finite kinematics.
+    time : float or None
+        Pseudo-time of a program that has one.
     seconds : float
         Since the row before.
     """
@@ -69,6 +71,7 @@ class Report:
     released: float | None
     extent: np.ndarray | None
     elements: Deformation | None
+    time: float | None
     seconds: float
 
     @property
@@ -148,6 +151,7 @@ class Reporter:
             released=released,
             extent=failure.extent if failure else None,
             elements=elements,
+            time=state.program.get("time"),
             seconds=now - state.began,
         )
         state.program["told_broken"], state.began = broken, now
