@@ -23,7 +23,7 @@ GRADIENTS = 15
 
 
 @njit(**_options)
-def add_stresses(row_start, row_offset, row_data, S, finite, quanta, sums, top):
+def add_stresses(row_start, row_offset, row_data, S, expansion, finite, quanta, sums, top):
     """Add ``f (x) y`` and the energy of every bond to both of its points; ``y`` is the bond as it is now.
 
     ``f y = 2 K phi y y`` in finite kinematics, ``K' (eta . xi) xi xi`` in linear ones: symmetric. Half of it, over the
@@ -35,6 +35,8 @@ def add_stresses(row_start, row_offset, row_data, S, finite, quanta, sums, top):
         Rows as in the sweeps; a broken bond is a slot of zeros.
     S : float64, shape (n_clusters * 36,)
         The point table of the sweeps.
+    expansion : float64, shape (n_clusters * 4,) or (0,), dimension 1
+        Thermal strain of the points: a bond is stretched by what is beyond the mean of its ends. Linear kinematics.
     finite : bool
     quanta : float64, shape (2,), dimension force length
         Powers of two, of the stress and of the energy; 0 to measure only.
@@ -71,6 +73,9 @@ def add_stresses(row_start, row_offset, row_data, S, finite, quanta, sums, top):
                     gx, gy, gz = gx + dx, gy + dy, gz + dz
                     terms[6] = k * e * work / ((1.0 + length) * (1.0 + length))
                 else:
+                    if expansion.size:
+                        theta = 0.5 * (expansion[i] + expansion[W * (first // (9 * W)) + lane])
+                        work -= theta * (gx * gx + gy * gy + gz * gz)
                     strength = k * work
                     terms[6] = 0.5 * k * work * work
                 terms[0], terms[1], terms[2] = strength * gx * gx, strength * gy * gy, strength * gz * gz
@@ -86,6 +91,51 @@ def add_stresses(row_start, row_offset, row_data, S, finite, quanta, sums, top):
                     term = np.int64(np.rint(terms[t] * (of_stress if t < 6 else of_energy)))
                     sums[own_place + W * t] += term
                     sums[place + W * t] += term
+
+
+@njit(**_options)
+def add_thermal_forces(row_start, row_offset, row_data, x, expansion, quanta, sums, top):
+    """Add ``-K' theta |xi|^2 xi`` of every bond to its point i and take it from j: linear kinematics.
+
+    Parameters
+    ----------
+    row_start, row_offset, row_data
+        Rows as in the sweeps.
+    x : float64, shape (n_clusters * 12,), dimension length
+        Positions in cluster layout.
+    expansion : float64, shape (n_clusters * 4,), dimension 1
+        Thermal strain of the points; ``theta`` is the mean of a bond's ends.
+    quanta : float64, shape (2,), dimension force
+        The first is a power of two; 0 to measure only.
+    sums : int64, shape (n_clusters * 12,)
+        Added to, in quanta.
+    top : float64, shape (2,)
+        The first is raised to the largest term, where the quanta are 0.
+    """
+    xi = np.empty(3)
+    measuring = quanta[0] == 0.0
+    inverse = 0.0 if measuring else 1.0 / quanta[0]
+    for i in range(row_start.size - 1):
+        own = 3 * W * (i // W) + i % W
+        for row in range(row_start[i], row_start[i + 1]):
+            other = np.int64(row_offset[row]) // (9 * W)
+            for lane in range(W):
+                strength = np.float64(row_data[row * W + lane])
+                if strength == 0.0:
+                    continue
+                place = 3 * W * other + lane
+                square = 0.0
+                for d in range(3):
+                    xi[d] = x[place + W * d] - x[own + W * d]
+                    square += xi[d] * xi[d]
+                strength *= 0.5 * (expansion[i] + expansion[W * other + lane]) * square
+                for d in range(3):
+                    if measuring:
+                        top[0] = max(top[0], abs(strength * xi[d]))
+                        continue
+                    term = np.int64(np.rint(strength * xi[d] * inverse))
+                    sums[own + W * d] -= term
+                    sums[place + W * d] += term
 
 
 @njit(**_options)
@@ -154,6 +204,7 @@ def add_gradients(row_start, row_offset, row_data, S, x, volume, cell_number, fi
 _f8, _i8 = types.float64[::1], types.int64[::1]
 _rows = _i8, types.uint32[::1], types.float32[::1]
 SIGNATURES = {
-    add_stresses: types.void(*_rows, _f8, types.boolean, _f8, _i8, _f8),
+    add_stresses: types.void(*_rows, _f8, _f8, types.boolean, _f8, _i8, _f8),
+    add_thermal_forces: types.void(*_rows, _f8, _f8, _f8, _i8, _f8),
     add_gradients: types.void(*_rows, _f8, _f8, _f8, _i8, types.boolean, _f8, _i8, _f8),
 }

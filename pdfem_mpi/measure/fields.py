@@ -15,6 +15,7 @@ from pdfem_mpi.measure.field_values import gather_mechanics
 from pdfem_mpi.measure.recovered import Recovered
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.model import Model
+from pdfem_mpi.model.thermal import Thermal
 from pdfem_mpi.parallel.slabs import gather_rows, gather_slabs
 from pdfem_mpi.peridynamics.damage import Remaining, local_damage
 from pdfem_mpi.peridynamics.failure import Failure
@@ -52,6 +53,7 @@ def gather_fields(
     u: np.ndarray,
     names: Iterable[str] = (),
     reader: ProbeReader | None = None,
+    thermal: Thermal | None = None,
 ) -> Fields | None:
     """Collect the displacements at the forces' last evaluation; None except on rank 0. Collective.
 
@@ -63,6 +65,8 @@ def gather_fields(
         What else is wanted.
     reader : ProbeReader, optional
         Of mechanical probes that are wanted.
+    thermal : Thermal, optional
+        At the load of that evaluation.
     """
     model, length = forces.model, discretization.units.length
     u_points = u_nodes = None
@@ -76,7 +80,7 @@ def gather_fields(
         number = model.nodes.number[: model.nodes.n_owned]
         gathered = gather_rows(model.comm, number, rows, discretization.n_nodes)
         u_nodes = None if gathered is None else gathered * length
-    recovered = Recovered(discretization, forces)
+    recovered = Recovered(discretization, forces, thermal)
     more = gather_mechanics(recovered, names)
     probed = reader.read(recovered, u) if reader else {}
     return Fields(u_points, u_nodes, *more, probed) if model.comm.rank == 0 else None

@@ -19,6 +19,7 @@ from pdfem_mpi.kernels.element_tables import lame_moduli
 from pdfem_mpi.kernels.hex8 import gauss_gradients
 from pdfem_mpi.measure.tensors import determinants, matrices, products, six_of, trace
 from pdfem_mpi.model.forces import Forces
+from pdfem_mpi.model.thermal import Thermal
 from pdfem_mpi.peridynamics.virial import bond_stresses, displacement_gradients
 
 #: Elements that are worked on together: their gradients take 1.5 kB each.
@@ -47,7 +48,7 @@ class Mechanics:
     energy_density: np.ndarray
 
 
-def mechanics_of_bonds(forces: Forces) -> Mechanics | None:
+def mechanics_of_bonds(forces: Forces, thermal: Thermal | None = None) -> Mechanics | None:
     """At the peridynamic points, at the displacements of the last evaluation; None without any. Collective.
 
     The stress is that of the bonds which are there, the strain that of least squares over the family; NaN where the
@@ -58,7 +59,7 @@ def mechanics_of_bonds(forces: Forces) -> Mechanics | None:
         return None
     points, bonds = model.points, model.bonds
     body = model.comm, points, bonds, forces.of_bonds.S
-    stress, energy = bond_stresses(*body)
+    stress, energy = bond_stresses(*body, thermal and thermal.of_points)
     gradient = displacement_gradients(*body)
     strain = strain_of(gradient, model.finite)
     if model.finite:
@@ -68,7 +69,9 @@ def mechanics_of_bonds(forces: Forces) -> Mechanics | None:
     return Mechanics(cells, points.volume[: 8 * points.n_owned].reshape(-1, 8), strain, stress, energy)
 
 
-def mechanics_of_elements(discretization: Discretization, forces: Forces) -> Mechanics | None:
+def mechanics_of_elements(
+    discretization: Discretization, forces: Forces, thermal: Thermal | None = None
+) -> Mechanics | None:
     """At the Gauss points of elements and overlap, at the last evaluation's displacements; None without any.
 
     In the overlap it is what an element with the displacements of the nodes has, whether or not it carries a force.
@@ -87,13 +90,14 @@ def mechanics_of_elements(discretization: Discretization, forces: Forces) -> Mec
         corners = mesh.cells[batch]
         u = forces.of_nodes.u[local[corners]]
         lam, mu = (modulus[start : start + BATCH] for modulus in moduli)
-        parts.append(response(discretization.nodes[corners], u, lam, mu, finite))
+        expansion = np.zeros((len(batch), 8)) if thermal is None else thermal.of_cells[start : start + BATCH]
+        parts.append(response(discretization.nodes[corners], u, lam, mu, finite, expansion))
     volume, strain, stress, energy = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return Mechanics(number[own], volume, strain, stress, energy)
 
 
 def response(
-    corners: np.ndarray, u: np.ndarray, lam: np.ndarray, mu: np.ndarray, finite: bool
+    corners: np.ndarray, u: np.ndarray, lam: np.ndarray, mu: np.ndarray, finite: bool, expansion: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """What elements have at their Gauss points.
 
@@ -102,6 +106,8 @@ def response(
     corners, u : float64, shape (n, 8, 3), dimension length
         Positions and displacements of their nodes.
     lam, mu : float64, shape (n,), dimension force / length^2
+    expansion : float64, shape (n, 8), dimension 1
+        Thermal strain, which has no stress.
 
     Returns
     -------
@@ -113,11 +119,14 @@ def response(
     for a in range(1, 8):  # differences to node 0: a translation gives nothing
         gradient += (u[:, a] - u[:, 0])[:, None, :, None] * gradients[:, :, a, None, :]
     strain = strain_of(gradient, finite)
+    elastic = strain.copy()
+    elastic[..., :3] -= expansion[..., None]
     lam, mu = lam[:, None], mu[:, None]
-    pressure = lam * trace(strain)
-    stress = 2.0 * mu[..., None] * strain
+    pressure = lam * trace(elastic)
+    stress = 2.0 * mu[..., None] * elastic
     stress[..., :3] += pressure[..., None]
-    energy = 0.5 * (stress[..., :3] * strain[..., :3]).sum(axis=-1) + (stress[..., 3:] * strain[..., 3:]).sum(axis=-1)
+    work = stress * elastic
+    energy = 0.5 * trace(work) + (work[..., 3] + work[..., 4] + work[..., 5])
     if finite:
         turned = np.eye(3) + gradient
         ratio = determinants(turned)

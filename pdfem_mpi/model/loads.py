@@ -23,6 +23,7 @@ from pdfem_mpi.model.motions import combine, free_motions, rigid_gram, rigid_mod
 from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsupported
 from pdfem_mpi.model.selection import select_cells
 from pdfem_mpi.model.supports import prescribe
+from pdfem_mpi.model.thermal import Thermal, make_thermal
 from pdfem_mpi.model.tractions import traction_forces
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.clusters import cluster_layout
@@ -57,6 +58,8 @@ class LoadCase:
         Largest prescribed displacement.
     load : float, dimension force
         Resultant of the external forces that push one way (those along the axes, or those against them).
+    thermal : Thermal or None
+        The strain of a change of temperature, whose forces are part of ``external``.
     taken : float64, shape (3,), dimension force
         Sums of the forces along x, y and z that loads put on held places, where supports take them at once; NaN where
         there are none.
@@ -75,6 +78,7 @@ class LoadCase:
     reach: float
     load: float
     taken: np.ndarray
+    thermal: Thermal | None = None
 
 
 def make_load_case(scene: Scene, discretization: Discretization, model: Model) -> LoadCase:
@@ -133,7 +137,15 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
     )
     if messages := find_unbalanced(model, free, parts, unsupported, external):
         raise SceneError(messages)
-    return case
+    return _with_thermal(scene, discretization, model, case)
+
+
+def _with_thermal(scene: Scene, discretization: Discretization, model: Model, case: LoadCase) -> LoadCase:
+    """The load case with the forces of thermal strain, which are in balance by themselves. Collective."""
+    thermal = make_thermal(scene, discretization, model)
+    if thermal is None:
+        return case
+    return replace(case, external=case.external + np.where(case.fixed, 0.0, thermal.forces), thermal=thermal)
 
 
 def _sum_loads(

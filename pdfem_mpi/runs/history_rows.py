@@ -7,6 +7,7 @@ from typing import Any
 
 from pdfem_mpi.body.discretization import ModelUnits
 from pdfem_mpi.deck.mechanical_probes import CutProbe
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.stepping import Report
 
 HISTORY = (
@@ -20,10 +21,11 @@ FAILURE_HISTORY = (
 )  # fmt: skip
 
 
-def columns_of(fails: bool, probes: Sequence[Any] = (), timed: bool = False) -> tuple[str, ...]:
+def columns_of(fails: bool, scene: Scene) -> tuple[str, ...]:
     """Columns of history.csv; more where bonds can break, of a program over a time, and of probes read at every row."""
     columns = HISTORY + FAILURE_HISTORY if fails else HISTORY
-    return columns + (("time",) if timed else ()) + tuple(probe_row(probes, {}))
+    timed = getattr(scene.stepping, "times", None) is not None
+    return columns + (("time",) if timed else ()) + tuple(probe_row(scene.probes, {}))
 
 
 def probe_row(probes: Sequence[Any], probed: Mapping[str, Any]) -> dict[str, float | None]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage, gather_fields
+from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage
 from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.parallel.comm import on_root
 from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests, place_of
@@ -102,7 +102,7 @@ class March:
             if not self.wanted:
                 ended.digest = digest_fields(simulation.discretization, simulation.forces, state.u)
             elif not rows:
-                ended.fields = self._gather(())
+                ended.fields = simulation.fields(probes=simulation.probe_reader)
             state.program["over"] = 1
             self.stop_requests.save(state)
         except (NotConverged, NotFinite) as error:
@@ -122,12 +122,6 @@ class March:
         scene = self.simulation.scene
         self.reporter.progress(step, scene.stepping.n_steps, progress, scene.solver.tolerance)
 
-    def _gather(self, names: tuple[str, ...]) -> Fields | None:
-        """The fields of these names beside the displacements, and what probes read. Collective."""
-        simulation = self.simulation
-        body = simulation.discretization, simulation.forces, simulation.state.u
-        return gather_fields(*body, names, simulation.probe_reader)
-
     def _write(self, report: Report) -> None:
         """Give a row of the load program to the outputs. Collective."""
         simulation, ended = self.simulation, self.ended
@@ -137,7 +131,7 @@ class March:
             self._warned_of_strains = True
         began = perf_counter()
         if self.wanted:
-            ended.fields = self._gather(simulation.scene.output.mechanical)
+            ended.fields = simulation.fields(*simulation.scene.output.mechanical, probes=simulation.probe_reader)
         columns = history_row(report, simulation.discretization.units, simulation.failure is not None)
         columns |= probe_row(simulation.scene.probes, ended.fields.probed if ended.fields else {})
         ended.damage = gather_damage(simulation.discretization, simulation.model, self.remaining, simulation.failure)

@@ -228,8 +228,7 @@ class _Run:
             self.scene, simulation.discretization, self.claimed.written, sha256(self.deck_text), start.results,
             start.other_fields, note, self._warn,
         )  # fmt: skip
-        timed = getattr(self.scene.stepping, "times", None) is not None
-        self.outputs = make_outputs(place, columns_of(simulation.failure is not None, self.scene.probes, timed))
+        self.outputs = make_outputs(place, columns_of(simulation.failure is not None, self.scene))
         self.outputs.open()
 
     def _memory(self, march: March, before: int) -> dict[str, Any]:

@@ -165,7 +165,8 @@ class Simulation:
         """Displacements, and fields of these names (see ``docs/results.md``); None except on rank 0."""
         if not self._evaluated:
             self.evaluate()
-        return gather_fields(self.discretization, self.forces, self.state.u, names, probes)
+        thermal = self.case.thermal and self.case.thermal.at(self.state.load_factor)
+        return gather_fields(self.discretization, self.forces, self.state.u, names, probes, thermal)
 
     def probes(self) -> dict[str, Any] | None:
         """What the scene's probes of points, sets and cuts read at the state, by name; None except on rank 0."""

@@ -207,4 +207,5 @@ def balance(forces: Forces, state: State, case: LoadCase, internal: np.ndarray):
         whole = float(gross[d].max())
         return float(np.abs(net[d]).max()) / whole if whole > 0.0 else 0.0
 
-    return support_resultants(forces, case, internal), ratio(slice(0, 3)), ratio(slice(3, 6))
+    held = internal if case.thermal is None else internal + state.load_factor * case.thermal.forces
+    return support_resultants(forces, case, held), ratio(slice(0, 3)), ratio(slice(3, 6))
