@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import ModelUnits
+from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.deck.field_names import GAUSS_FIELDS, MECHANICAL_FIELDS, field_problems
 from pdfem_mpi.measure.recovered import Recovered
 from pdfem_mpi.measure.stresses import Mechanics
@@ -37,25 +37,24 @@ def gather_mechanics(recovered: Recovered, names: Iterable[str]) -> tuple[Arrays
         Means of the cells with elements or overlap, in the order of the mesh; `GAUSS_FIELDS` of their eight Gauss
         points, one after the other.
     """
-    names, comm, discretization = tuple(names), recovered.forces.model.comm, recovered.discretization
+    names, share, comm = tuple(names), recovered.share, recovered.share.comm
     of_points: Arrays = {}
     of_cells: Arrays = {}
     if problems := field_problems("names", names, MECHANICAL_FIELDS + GAUSS_FIELDS):
         raise ValueError(f"{problems[0].key} {problems[0].text}")
     if not names:
         return of_points, of_cells
-    bonds = recovered.bonds if set(names) & set(MECHANICAL_FIELDS) else None
+    virial = recovered.bonds if set(names) & set(MECHANICAL_FIELDS) else None
     elements = recovered.elements
-    n_cells = int(np.count_nonzero(discretization.has_nodes))
     for name in names:
-        if bonds and name in MECHANICAL_FIELDS:
-            values = field_of(bonds, name, discretization.units)
-            table = gather_rows(comm, bonds.cells, values, discretization.n_point_cells)
+        if virial and name in MECHANICAL_FIELDS:
+            values = field_of(virial, name, share.units)
+            table = gather_rows(comm, virial.rows, values, share.counts.point_cells)
             if table is not None:
                 of_points[name] = table.reshape(-1, *table.shape[2:])
         if elements and name in MECHANICAL_FIELDS + GAUSS_FIELDS:
-            values = cell_field_of(elements, name, discretization.units)
-            table = gather_rows(comm, elements.cells, values, n_cells)
+            values = cell_field_of(elements, name, share.units)
+            table = gather_rows(comm, elements.rows, values, share.counts.node_cells)
             if table is not None:
                 of_cells[name] = table
     return of_points, of_cells
@@ -102,4 +101,4 @@ def mean_of(mechanics: Mechanics) -> Mechanics:
         for g in range(8):
             total[:, 0] += share[:, g] * values[:, g]
         means.append(total / whole.reshape(-1, *(1,) * (values.ndim - 1)))
-    return Mechanics(mechanics.cells, whole[:, None], *means)
+    return Mechanics(mechanics.cells, mechanics.rows, whole[:, None], *means)

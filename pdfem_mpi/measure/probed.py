@@ -6,18 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.mechanical_probes import CutProbe, PointProbe, SetProbe
 from pdfem_mpi.deck.outputs import LineProbe
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.cut import Cut, meets_body, near_mirrors, resultant, sides
 from pdfem_mpi.measure.field_values import field_of
+from pdfem_mpi.measure.geometry import gather_geometry
 from pdfem_mpi.measure.line import positions_along
 from pdfem_mpi.measure.places import find_places, mechanics_at, over_cells
 from pdfem_mpi.measure.recovered import Recovered
 from pdfem_mpi.model.model import Model
-from pdfem_mpi.model.selection import select_cells
 
 
 class ProbeReader:
@@ -26,7 +26,7 @@ class ProbeReader:
     Parameters
     ----------
     scene : Scene
-    discretization : Discretization
+    share : Share
     model : Model
 
     Raises
@@ -35,39 +35,42 @@ class ProbeReader:
         On all ranks: a probe that meets nothing.
     """
 
-    def __init__(self, scene: Scene, discretization: Discretization, model: Model):
-        self.discretization, self.model, self.probes = discretization, model, []
-        mesh, length = discretization.mesh, discretization.units.length
+    def __init__(self, scene: Scene, share: Share, model: Model):
+        self.share, self.model, self.probes = share, model, []
+        mesh, length = share.mesh, share.units.length
         self.near = np.empty((0, 3), bool)
         if any(isinstance(probe, CutProbe) for probe in scene.probes):
-            self.near = near_mirrors(model, discretization.cutoff, mesh.tolerance / length)
+            self.near = near_mirrors(model, share.cutoff, mesh.tolerance / length)
+        self._geometry = gather_geometry(share) if any(_is_of_places(probe) for probe in scene.probes) else None
         messages: list[str] = []
         for index, probe in enumerate(scene.probes):
             place = None
             try:
-                place = self._place(probe, f"probes.{index}", scene)
+                place = self._place(probe, index)
             except SceneError as error:
                 messages += error.messages
             if place is not None:
                 self.probes.append((probe, place))
+        self._geometry = None
         if messages:
             raise SceneError(messages)
 
-    def _place(self, probe: Any, where: str, scene: Scene) -> Any:
+    def _place(self, probe: Any, index: int) -> Any:
         """What a probe needs to be read again and again; None for those that need nothing. Collective."""
-        discretization = self.discretization
-        if isinstance(probe, PointProbe) and set(probe.fields) != {"displacement"}:
-            return find_places(discretization, [probe.point])
-        if isinstance(probe, LineProbe) and set(probe.fields) != {"displacement"}:
-            return find_places(discretization, positions_along(probe)[1])
+        if _is_of_places(probe):
+            positions = [probe.point] if isinstance(probe, PointProbe) else positions_along(probe)[1]
+            return find_places(self.share, self._geometry, positions)
         if isinstance(probe, SetProbe):
-            return select_cells(discretization, probe, where, scene)
+            selections = self.share.selections
+            if selections.problems_of_probes[index]:
+                raise SceneError(selections.problems_of_probes[index])
+            return self.share.mesh.cell_id[selections.probes[index].cells]
         if isinstance(probe, CutProbe):
-            return self._cut(probe, where)
+            return self._cut(probe, f"probes.{index}")
         return None
 
     def _cut(self, probe: CutProbe, where: str) -> tuple[Cut, np.ndarray]:
-        units, mesh = self.discretization.units, self.discretization.mesh
+        units, mesh = self.share.units, self.share.mesh
         cut = Cut((np.array(probe.point) - units.origin) / units.length, np.array(probe.normal))
         below = sides(self.model, cut, mesh.tolerance / units.length)
         if not meets_body(self.model, below):
@@ -90,7 +93,7 @@ class ProbeReader:
         """
         found: dict[str, Any] = {}
         internal = recovered.internal(u) if any(isinstance(probe, CutProbe) for probe, _ in self.probes) else None
-        units = self.discretization.units
+        units = self.share.units
         for probe, place in self.probes:
             if isinstance(probe, CutProbe):
                 total = resultant(self.model, *place, internal, u, self.near) * units.force
@@ -106,6 +109,11 @@ class ProbeReader:
                         name: field_of(values, name, units).reshape(len(values.cells), -1) for name in names
                     }
         return found
+
+
+def _is_of_places(probe: Any) -> bool:
+    """Whether a probe reads more than displacements at places."""
+    return isinstance(probe, PointProbe | LineProbe) and set(probe.fields) != {"displacement"}
 
 
 def _known(values: np.ndarray) -> list[float | None]:

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.measure.stresses import Mechanics, mechanics_of_bonds, mechanics_of_elements
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.thermal import Thermal
@@ -17,24 +17,24 @@ class Recovered:
 
     Parameters
     ----------
-    discretization : Discretization
+    share : Share
     forces : Forces
     thermal : Thermal, optional
         At the load of that evaluation.
     """
 
-    def __init__(self, discretization: Discretization, forces: Forces, thermal: Thermal | None = None):
-        self.discretization, self.forces, self.thermal = discretization, forces, thermal
+    def __init__(self, share: Share, forces: Forces, thermal: Thermal | None = None):
+        self.share, self.forces, self.thermal = share, forces, thermal
 
     @cached_property
     def bonds(self) -> Mechanics | None:
         """Of the peridynamic points. Collective."""
-        return mechanics_of_bonds(self.forces, self.thermal)
+        return mechanics_of_bonds(self.share, self.forces, self.thermal)
 
     @cached_property
     def elements(self) -> Mechanics | None:
         """Of elements and overlap."""
-        return mechanics_of_elements(self.discretization, self.forces, self.thermal)
+        return mechanics_of_elements(self.share, self.forces, self.thermal)
 
     def internal(self, u: np.ndarray) -> np.ndarray:
         """Internal forces at the displacements ``u`` of that evaluation, both of shape (n_unknowns,). Collective."""

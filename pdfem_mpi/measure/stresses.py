@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.finite_elements.nodes import local_nodes
 from pdfem_mpi.kernels.element_tables import lame_moduli
 from pdfem_mpi.kernels.hex8 import gauss_gradients
@@ -33,7 +33,9 @@ class Mechanics:
     Attributes
     ----------
     cells : int64, shape (n,)
-        Number of each among the cells with points, or among those with nodes, of the body.
+        Number of each in the mesh.
+    rows : int64, shape (n,)
+        Number among the cells with points, or among those with nodes, of the whole body.
     volume : float64, shape (n, 8), dimension length^3
         What each of the eight points stands for.
     strain, stress : float64, shape (n, 8, 6), dimensions 1 and force / length^2
@@ -42,13 +44,14 @@ class Mechanics:
     """
 
     cells: np.ndarray
+    rows: np.ndarray
     volume: np.ndarray
     strain: np.ndarray
     stress: np.ndarray
     energy_density: np.ndarray
 
 
-def mechanics_of_bonds(forces: Forces, thermal: Thermal | None = None) -> Mechanics | None:
+def mechanics_of_bonds(share: Share, forces: Forces, thermal: Thermal | None = None) -> Mechanics | None:
     """At the peridynamic points, at the displacements of the last evaluation; None without any. Collective.
 
     The stress is that of the bonds which are there, the strain that of least squares over the family; NaN where the
@@ -65,24 +68,21 @@ def mechanics_of_bonds(forces: Forces, thermal: Thermal | None = None) -> Mechan
     if model.finite:
         ratio = determinants(np.eye(3) + gradient)
         stress /= np.where(ratio > 0.0, ratio, 1.0)[..., None]  # also where there is no family to tell it
-    cells = points.cell_number[: points.n_owned]
-    return Mechanics(cells, points.volume[: 8 * points.n_owned].reshape(-1, 8), strain, stress, energy)
+    cells, volume = points.cell_number[: points.n_owned], points.volume[: 8 * points.n_owned].reshape(-1, 8)
+    return Mechanics(cells, share.own_point_rows, volume, strain, stress, energy)
 
 
-def mechanics_of_elements(
-    discretization: Discretization, forces: Forces, thermal: Thermal | None = None
-) -> Mechanics | None:
+def mechanics_of_elements(share: Share, forces: Forces, thermal: Thermal | None = None) -> Mechanics | None:
     """At the Gauss points of elements and overlap, at the last evaluation's displacements; None without any.
 
     In the overlap it is what an element with the displacements of the nodes has, whether or not it carries a force.
     """
-    model, mesh = forces.model, discretization.mesh
+    model, mesh = forces.model, share.mesh
     if not model.nodes:
         return None
-    own = np.union1d(model.subdomain.elements, model.subdomain.overlap)
-    number = np.cumsum(discretization.has_nodes) - 1
-    local = local_nodes(discretization, model.subdomain)
-    moduli = lame_moduli(discretization.youngs_modulus[own], discretization.poissons_ratio[own])
+    own = np.union1d(share.subdomain.elements, share.subdomain.overlap)
+    local = local_nodes(share)
+    moduli = lame_moduli(share.youngs_modulus[own], share.poissons_ratio[own])
     finite = bool(model.elements and model.elements.finite)
     parts = [(np.empty((0, 8)), np.empty((0, 8, 6)), np.empty((0, 8, 6)), np.empty((0, 8)))]
     for start in range(0, len(own), BATCH):
@@ -91,9 +91,9 @@ def mechanics_of_elements(
         u = forces.of_nodes.u[local[corners]]
         lam, mu = (modulus[start : start + BATCH] for modulus in moduli)
         expansion = np.zeros((len(batch), 8)) if thermal is None else thermal.of_cells[start : start + BATCH]
-        parts.append(response(discretization.nodes[corners], u, lam, mu, finite, expansion))
+        parts.append(response(share.nodes[corners], u, lam, mu, finite, expansion))
     volume, strain, stress, energy = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return Mechanics(number[own], volume, strain, stress, energy)
+    return Mechanics(mesh.cell_id[own], share.element_row[own], volume, strain, stress, energy)
 
 
 def response(

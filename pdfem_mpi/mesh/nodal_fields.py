@@ -8,16 +8,20 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pdfem_mpi.deck.table import SceneError, did_you_mean, show
-from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.raw import Refusal
 from pdfem_mpi.mesh.vtk_xml import read_point_field
 
 
-def read_nodal_field(mesh: HexMesh, where: str, path: str, name: str, scale: float) -> np.ndarray:
+def read_nodal_field(
+    nodes: np.ndarray, tolerance: float, where: str, path: str, name: str, scale: float
+) -> np.ndarray:
     """The field's value at each node of the mesh, float64, shape (n_nodes,).
 
     Parameters
     ----------
+    nodes : float64, shape (n_nodes, 3), dimension length
+    tolerance : float, dimension length
+        Two nodes within it are one.
     where : str
         The key of the deck that names the file.
     scale : float
@@ -38,13 +42,13 @@ def read_nodal_field(mesh: HexMesh, where: str, path: str, name: str, scale: flo
     if name not in fields:
         known = ", ".join(fields) or "none"
         raise SceneError([f"{shown} has no point data {show(name)}; it has {known}.{did_you_mean(name, fields)}"])
-    distance, nearest = cKDTree(points * scale).query(mesh.nodes)
-    far = np.flatnonzero(~(distance <= mesh.tolerance))
+    distance, nearest = cKDTree(points * scale).query(nodes)
+    far = np.flatnonzero(~(distance <= tolerance))
     if len(far):
-        place = ", ".join(f"{c:.6g}" for c in mesh.nodes[far[0]])
+        place = ", ".join(f"{c:.6g}" for c in nodes[far[0]])
         raise SceneError(
             [
-                f"{shown} is on another mesh: {len(far)} of {len(mesh.nodes)} nodes have no point of the file, the "
+                f"{shown} is on another mesh: {len(far)} of {len(nodes)} nodes have no point of the file, the "
                 f"first at ({place}), whose nearest is {distance[far[0]]:.3g} away. Write it on the nodes of this mesh."
             ]
         )

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.temperatures import thermal_strains
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.finite_elements.nodes import assemble, local_nodes
@@ -46,27 +46,27 @@ class Thermal:
         return Thermal(*(load_factor * array for array in (self.forces, self.of_points, self.of_cells)))
 
 
-def make_thermal(scene: Scene, discretization: Discretization, model: Model) -> Thermal | None:
+def make_thermal(scene: Scene, share: Share, model: Model) -> Thermal | None:
     """The thermal strain of the scene's ``[temperature]``; None without. Collective."""
-    strains_of = thermal_strains(scene, discretization, model.comm)
+    strains_of = thermal_strains(scene, share)
     if strains_of is None:
         return None
     forces, of_points, contributions = np.zeros(model.n_unknowns), np.empty(0), []
     if model.points:
-        of_points = np.ascontiguousarray(strains_of(model.subdomain.point_cells)).reshape(-1)
+        of_points = np.ascontiguousarray(strains_of(share.subdomain.point_cells)).reshape(-1)
         on_points = thermal_bond_forces(model.comm, model.points, model.bonds, of_points)
         model.unknowns.of_points(forces)[:] = cluster_layout(on_points[: model.points.n_free])
         if model.overlap:  # lumped on the nodes, eq. (26)
-            on_overlap, lumped = on_points[model.points.n_free :], np.zeros((len(model.subdomain.overlap), 8, 3))
+            on_overlap, lumped = on_points[model.points.n_free :], np.zeros((len(share.subdomain.overlap), 8, 3))
             for p in range(8):
                 lumped += SHAPE_AT_GAUSS[p][:, None] * on_overlap[:, p, None, :]
             contributions.append((model.overlap.connectivity, lumped))
     if model.elements:
-        cells = model.subdomain.elements
-        nodes = discretization.mesh.cells[cells]
-        moduli = discretization.youngs_modulus[cells], discretization.poissons_ratio[cells]
-        local = local_nodes(discretization, model.subdomain)[nodes]
-        contributions.append((local, element_forces(discretization.nodes[nodes], *moduli, strains_of(cells))))
+        cells = share.subdomain.elements
+        nodes = share.mesh.cells[cells]
+        moduli = share.youngs_modulus[cells], share.poissons_ratio[cells]
+        local = local_nodes(share)[nodes]
+        contributions.append((local, element_forces(share.nodes[nodes], *moduli, strains_of(cells))))
     if model.nodes:
         model.unknowns.of_nodes(forces)[:] = assemble(model.comm, model.nodes, contributions, 3)
-    return Thermal(forces, of_points, strains_of(np.union1d(model.subdomain.elements, model.subdomain.overlap)))
+    return Thermal(forces, of_points, strains_of(np.union1d(share.subdomain.elements, share.subdomain.overlap)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pdfem_mpi.body.discretization import ModelUnits
+from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.deck.mechanical_probes import CutProbe
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.stepping import Report

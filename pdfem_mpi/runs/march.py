@@ -100,7 +100,7 @@ class March:
             if not rows:  # nothing was left to do: the fields are those of the last step
                 simulation.evaluate()
             if not self.wanted:
-                ended.digest = digest_fields(simulation.discretization, simulation.forces, state.u)
+                ended.digest = digest_fields(simulation.share, simulation.forces, state.u)
             elif not rows:
                 ended.fields = simulation.fields(probes=simulation.probe_reader)
             state.program["over"] = 1
@@ -132,9 +132,9 @@ class March:
         began = perf_counter()
         if self.wanted:
             ended.fields = simulation.fields(*simulation.scene.output.mechanical, probes=simulation.probe_reader)
-        columns = history_row(report, simulation.discretization.units, simulation.failure is not None)
+        columns = history_row(report, simulation.share.units, simulation.failure is not None)
         columns |= probe_row(simulation.scene.probes, ended.fields.probed if ended.fields else {})
-        ended.damage = gather_damage(simulation.discretization, simulation.model, self.remaining, simulation.failure)
+        ended.damage = gather_damage(simulation.share, simulation.model, self.remaining, simulation.failure)
         on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))
         self.reporter.row(columns)
         self.seconds_of_output += perf_counter() - began

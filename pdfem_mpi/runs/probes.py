@@ -22,7 +22,7 @@ class DisplacementOutput(Output):
         self.probe = probe
 
     def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
-        self.results = {self.probe.name: displacement_at(place.discretization, fields, self.probe.point).tolist()}
+        self.results = {self.probe.name: displacement_at(place.geometry, fields, self.probe.point).tolist()}
 
 
 class BarOutput(Output):
@@ -36,8 +36,8 @@ class BarOutput(Output):
         self.bar: Bar | None = None
 
     def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
-        self.bar = measure_bar(place.scene, place.discretization, fields, self.probe, load_factor)
-        self.results = bar_results(place.scene, place.discretization, self.bar, self.probe, load_factor)
+        self.bar = measure_bar(place.scene, place.geometry, fields, self.probe, load_factor)
+        self.results = bar_results(place.scene, place.geometry, self.bar, self.probe, load_factor)
 
     def draw(self, place: Place) -> None:
         if self.bar is None:
@@ -64,7 +64,7 @@ class LineOutput(Output):
         self.more: dict[str, np.ndarray] = {}
 
     def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
-        self.line = measure_line(place.discretization, fields, self.probe)
+        self.line = measure_line(place.geometry, fields, self.probe)
         self.more = fields.probed.get(self.probe.name, {})
 
     def close(self, place: Place) -> None:
@@ -113,7 +113,7 @@ class PointOutput(Output):
         rows = {name: values[0].tolist() for name, values in fields.probed.get(self.probe.name, {}).items()}
         found = {name: row if len(row) > 1 else row[0] for name, row in rows.items()}
         if "displacement" in self.probe.fields:
-            found = {"displacement": displacement_at(place.discretization, fields, self.probe.point).tolist()} | found
+            found = {"displacement": displacement_at(place.geometry, fields, self.probe.point).tolist()} | found
         self.results = {self.probe.name: found}
 
 

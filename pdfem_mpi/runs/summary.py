@@ -34,7 +34,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         seconds_of_all_starts, memory.
     """
     simulation, checkpoints, ended = march.simulation, march.checkpoints, march.ended
-    model, discretization = simulation.model, simulation.discretization
+    model, share = simulation.model, simulation.share
     return {
         "schema_version": SCHEMA_VERSION,
         "status": RUN_STATUS[ended.code],
@@ -47,9 +47,9 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         "mesh": {
             "kind": scene.mesh.kind,
             "symmetry": list(scene.mesh.symmetry),
-            "sha256": discretization.mesh.sha256(),
-            "notes": list(discretization.notes),
-            **asdict(discretization.quality),
+            "sha256": share.mesh_sha256,
+            "notes": list(share.notes),
+            **asdict(share.quality),
         },
         "counts": facts["counts"],
         "bonds_per_rank": facts["bonds_per_rank"],
@@ -63,14 +63,14 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         "restarts": checkpoints.restarts,
         "seconds_of_all_starts": facts["seconds_of_all_starts"],
         "surface_correction": {
-            "kind": scene.peridynamics.surface_correction if discretization.cutoff else None,
-            "remaining": model.correction_remaining if discretization.cutoff else None,
+            "kind": scene.peridynamics.surface_correction if share.cutoff else None,
+            "remaining": model.correction_remaining if share.cutoff else None,
             "fit": fit_report(model.body_fit, findings.smallest_eigenvalue, findings.stable),
         },
         "failure": findings.failure,
         "bonds_cut_by_cracks": list(model.cut),
         "parts_at_start": {"count": simulation.case.parts.count, "not_held": len(simulation.case.unsupported)},
-        "bonds_by_materials": named_pairs(discretization.materials.names, findings.bonds_by_material),
+        "bonds_by_materials": named_pairs(share.materials.names, findings.bonds_by_material),
         "probes": march.outputs.results,
         "seconds": facts["seconds"],
         "memory": facts["memory"],

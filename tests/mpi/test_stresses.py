@@ -39,7 +39,7 @@ def test_stresses_do_not_depend_on_the_number_of_ranks(comm, kinematics, n_eleme
         u = body.of_positions(displacement)
         u[body.model.rollers] = 0.0
         body.internal(u)
-        fields = gather_fields(body.discretization, body.forces, u, NAMES)
+        fields = gather_fields(body.share, body.forces, u, NAMES)
         found.append(broadcast(group, fields and (fields.of_points, fields.of_cells)))
     equal = all(
         set(one) == set(other) and all(np.array_equal(one[name], other[name], equal_nan=True) for name in one)

@@ -68,10 +68,10 @@ def elements(spacing, tolerance):
     """Mesh and nodal displacements of the finite-element deck."""
     scene = elements_scene(spacing, tolerance)
     body = build(scene)
-    solve = make_solver(scene, body.discretization, body.forces, body.case, Silence().line)
+    solve = make_solver(scene, body.share, body.forces, body.case, Silence().line)
     steps = follow_load_program(scene, solve, None, body.state, body.case)
     assert len(list(steps)) == 1
-    return scene, body.discretization.mesh, gather_fields(body.discretization, body.forces, body.state.u).u_nodes
+    return scene, body.share.mesh, gather_fields(body.share, body.forces, body.state.u).u_nodes
 
 
 def without_rigid_motion(x, u):
@@ -130,7 +130,7 @@ def test_stresses_agree_with_scikit_fem():
     scene = elements_scene(0.2, 1e-12)
     simulation = Simulation(scene)
     simulation.solve(1.0)
-    fields, mesh = simulation.fields("stress_at_gauss_points"), simulation.discretization.mesh
+    fields, mesh = simulation.fields("stress_at_gauss_points"), simulation.share.mesh
     found = matrices(fields.of_cells["stress_at_gauss_points"].reshape(-1, 8, 6))
     expected = reference_stress(scene, mesh, reference_solution(scene, mesh))
     error = np.abs(found - expected).max() / np.abs(expected).max()

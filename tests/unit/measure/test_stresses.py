@@ -57,7 +57,7 @@ def test_elements_in_a_uniform_state(kinematics):
 
 
 def parts(body):
-    return body.discretization, body.forces
+    return body.share, body.forces
 
 
 @pytest.mark.parametrize("correction", ["none", "virial"])
@@ -69,7 +69,7 @@ def test_stress_of_bonds_is_half_the_moment_of_their_forces(kinematics, correcti
     body = build(scene, loaded=False)
     body.u = body.of_positions(lambda x: 0.03 * rng.normal(size=x.shape))
     body.internal(body.u)
-    found = mechanics_of_bonds(body.forces)
+    found = mechanics_of_bonds(*parts(body))
     x, i, j, stored = bond_list(body)
     u = body.forces.point_displacements()
     xi, eta = x[j] - x[i], u[j] - u[i]
@@ -116,7 +116,7 @@ def test_strain_of_points_is_that_of_least_squares():
     body.internal(body.of_positions(lambda x: rng.normal(size=x.shape)))
     x, i, j, _ = bond_list(body)
     expected = least_squares(x, body.forces.point_displacements(), i, j, body.model.points.volume)
-    found = matrices(mechanics_of_bonds(body.forces).strain).reshape(-1, 3, 3)
+    found = matrices(mechanics_of_bonds(*parts(body)).strain).reshape(-1, 3, 3)
     expected = 0.5 * (expected + expected.swapaxes(1, 2))
     np.testing.assert_allclose(found, expected, rtol=0, atol=SUMS * np.abs(expected).max())
 
@@ -126,7 +126,8 @@ def test_strain_of_points_is_exact_in_a_uniform_state(kinematics):
     """Whatever is left of a family: also at faces and beside a crack."""
     crack = Crack(polygon=((2.0, -1.0, -1.0), (2.0, 1.6, -1.0), (2.0, 1.6, 4.0), (2.0, -1.0, 4.0)))
     gradient = 1e-2 * GRADIENT
-    found = mechanics_of_bonds(moved(make_scene((4, 3, 2), 0, kinematics=kinematics, cracks=(crack,)), gradient).forces)
+    scene = make_scene((4, 3, 2), 0, kinematics=kinematics, cracks=(crack,))
+    found = mechanics_of_bonds(*parts(moved(scene, gradient)))
     strain = 0.5 * (gradient + gradient.T) + (0.5 * gradient.T @ gradient if kinematics == "finite" else 0.0)
     np.testing.assert_allclose(matrices(found.strain), np.broadcast_to(strain, (24, 8, 3, 3)), rtol=0, atol=SUMS)
 
@@ -136,7 +137,7 @@ def test_a_rotation_strains_nothing_and_turns_the_stress():
     scene = make_scene((4, 2, 2), 2, kinematics="finite")
     turn, stretch = rotation(), np.diag([1.01, 0.995, 1.002])
     turned, straight, both = (moved(scene, f - np.eye(3)) for f in (turn, stretch, turn @ stretch))
-    for mechanics in (lambda body: mechanics_of_bonds(body.forces), lambda body: mechanics_of_elements(*parts(body))):
+    for mechanics in (lambda body: mechanics_of_bonds(*parts(body)), lambda body: mechanics_of_elements(*parts(body))):
         assert np.abs(mechanics(turned).strain).max() <= SUMS
         assert np.abs(mechanics(turned).stress).max() <= SUMS
         expected = turn @ matrices(mechanics(straight).stress) @ turn.T
@@ -147,7 +148,7 @@ def test_fitted_bonds_have_the_stress_of_the_material_in_the_mean():
     """A uniform strain of a fitted body: its mean stress is the material's, whatever single points have."""
     scene = make_scene((4, 4, 3), 0, correction="fitted", signs="bounded")
     gradient = 1e-6 * 0.5 * (GRADIENT + GRADIENT.T)
-    found = mechanics_of_bonds(moved(scene, gradient).forces)
+    found = mechanics_of_bonds(*parts(moved(scene, gradient)))
     expected = law(six_of(gradient))
     mean = (found.stress * found.volume[..., None]).sum(axis=(0, 1)) / found.volume.sum()
     np.testing.assert_allclose(mean, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
@@ -161,13 +162,12 @@ def test_a_mirrored_half_has_the_stress_of_the_whole():
     half, all_of_it = (build(make_scene((2, 2, 2), 0, mesh=m), loaded=False) for m in (mesh, whole))
 
     def fields(body):
-        middle = np.array([0.0, 1.0, 2.0]) - body.discretization.units.origin
+        middle = np.array([0.0, 1.0, 2.0]) - body.share.units.origin
         bend = np.array([0.0, 1e-3, 0.0])
         u = body.of_positions(lambda x: (x - middle) @ gradient + bend * ((x - middle)[:, :1] ** 2))
         body.internal(u)
-        found = mechanics_of_bonds(body.forces)
-        cells = np.flatnonzero(body.discretization.has_points)[found.cells]
-        middles = body.discretization.mesh.centroids[cells]
+        found = mechanics_of_bonds(*parts(body))
+        middles = body.share.mesh.centroids[found.cells]
         chosen = (middles[:, 0] > 0.0) & (middles[:, 2] < 2.0)
         order = np.lexsort(middles[chosen].T)
         return [values[chosen][order] for values in (found.strain, found.stress, found.energy_density)]
@@ -180,6 +180,6 @@ def test_a_point_without_bonds_has_no_stress_and_no_strain_is_told():
     body = moved(make_scene((3, 2, 2), 0, kinematics="finite"), 1e-3 * GRADIENT)
     for rows in body.model.bonds.rows:
         rows.data[:] = 0.0
-    found = mechanics_of_bonds(body.forces)
+    found = mechanics_of_bonds(*parts(body))
     assert (found.stress == 0.0).all()
     assert np.isnan(found.strain).all()

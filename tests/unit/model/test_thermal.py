@@ -136,14 +136,14 @@ def from_file(path, field="T"):
 def test_a_file_of_equal_temperatures_is_a_constant_change(tmp_path):
     """Nodes of the file in another order; a field that varies bends the bar."""
     simulation, expected = solved(deck("coupled, paper"))
-    nodes = simulation.discretization.mesh.nodes
+    nodes = simulation.share.mesh.nodes
     order = np.random.default_rng(0).permutation(len(nodes))
     write_vtu(tmp_path / "same.vtu", nodes[order], np.full(len(nodes), CHANGE + 20.0))
     _, found = solved(deck("coupled, paper", temperature=from_file(tmp_path / "same.vtu")))
     np.testing.assert_allclose(found.u_nodes, expected.u_nodes, rtol=0, atol=1e-13)
     write_vtu(tmp_path / "bent.vtu", nodes[order], 20.0 + CHANGE * (nodes[order, 2] - 1.0))
     _, bent = solved(deck("elements", temperature=from_file(tmp_path / "bent.vtu")))
-    x, u = simulation.discretization.mesh.nodes, bent.u_nodes
+    x, u = simulation.share.mesh.nodes, bent.u_nodes
     # a bar under a linear temperature bends freely: u_z = -alpha dT' x^2 / 2 along its axis
     axis = (x[:, 1] == 1.0) & (x[:, 2] == 1.0)
     curvature = np.polyfit(x[axis, 0], u[axis, 2], 2)[0]
@@ -176,7 +176,7 @@ def test_temperatures_that_strain_nothing_or_what_cannot_be_strained_are_told():
 
 
 def test_files_of_another_mesh_are_told(tmp_path):
-    nodes = pdfem.Simulation(parse_deck(deck("elements"), "bar.toml")).discretization.mesh.nodes
+    nodes = pdfem.Simulation(parse_deck(deck("elements"), "bar.toml")).share.mesh.nodes
     write_vtu(tmp_path / "t.vtu", nodes * 1.01, np.zeros(len(nodes)))
     for temperature, sentence in (
         (from_file(tmp_path / "t.vtu"), "is on another mesh: 62 of 63 nodes have no point of the file"),
