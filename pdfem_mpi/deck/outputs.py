@@ -9,7 +9,14 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, SkipValidation
 
 from pdfem_mpi.deck.field_names import FIELDS, GAUSS_FIELDS, MECHANICAL_FIELDS, field_problems, is_list_of_names
-from pdfem_mpi.deck.mechanical_probes import PLACE_FIELDS, CutProbe, PointProbe, SetProbe, names_problems
+from pdfem_mpi.deck.mechanical_probes import (
+    PLACE_FIELDS,
+    CutProbe,
+    EnergyReleaseProbe,
+    PointProbe,
+    SetProbe,
+    names_problems,
+)
 from pdfem_mpi.deck.meshes import Mesh
 from pdfem_mpi.deck.regions import Region, has_model, repeated_names
 from pdfem_mpi.deck.table import Problem, Table, Vector, key, show
@@ -88,7 +95,8 @@ class LineProbe(Table):
 
 
 Probe = Annotated[
-    DisplacementProbe | BarProbe | LineProbe | PointProbe | SetProbe | CutProbe, Field(discriminator="kind")
+    DisplacementProbe | BarProbe | LineProbe | PointProbe | SetProbe | CutProbe | EnergyReleaseProbe,
+    Field(discriminator="kind"),
 ]
 
 

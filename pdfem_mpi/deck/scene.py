@@ -26,7 +26,7 @@ from pdfem_mpi.deck.loads import (
     check_tractions,
 )
 from pdfem_mpi.deck.materials import Interface, Material, check_contrast, check_material_names
-from pdfem_mpi.deck.mechanical_probes import check_set_probes
+from pdfem_mpi.deck.mechanical_probes import check_energy_release, check_set_probes
 from pdfem_mpi.deck.meshes import Mesh
 from pdfem_mpi.deck.outputs import (
     Checkpoint,
@@ -150,6 +150,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("temperature", "material", "materials", "peridynamics", "regions"), check_temperature),
     (("mesh", "probes"), functools.partial(check_sets, "probes")),
     (("regions", "probes"), check_set_probes),
+    (("cracks", "material", "materials", "temperature", "probes"), check_energy_release),
 )
 
 

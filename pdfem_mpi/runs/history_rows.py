@@ -32,7 +32,7 @@ def probe_row(probes: Sequence[Any], probed: Mapping[str, Any]) -> dict[str, flo
     """What the cuts among the probes carry, by their columns of history.csv; None where that is not known."""
     cuts = [probe.name for probe in probes if isinstance(probe, CutProbe)]
     return {
-        f"{name}_{word}_{axis}": probed[name][word][d] if name in probed else None
+        f"{name}.{word}_{axis}": probed[name][word][d] if name in probed else None
         for name in cuts
         for word in ("force", "moment")
         for d, axis in enumerate("xyz")

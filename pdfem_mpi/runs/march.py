@@ -14,6 +14,7 @@ from pdfem_mpi.parallel.comm import on_root
 from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests, place_of
 from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.runs.checkpoints import CheckpointWriter
+from pdfem_mpi.runs.energy_release import energy_releases
 from pdfem_mpi.runs.history_rows import history_row, probe_row
 from pdfem_mpi.runs.memory_report import Watched
 from pdfem_mpi.runs.outputs import Outputs
@@ -105,6 +106,9 @@ class March:
                 ended.fields = simulation.fields(probes=simulation.probe_reader)
             state.program["over"] = 1
             self.stop_requests.save(state)
+            released = energy_releases(simulation, lambda text: self.reporter.line(f"warning: {text}"))
+            if ended.fields is not None:
+                ended.fields.probed.update(released)
         except (NotConverged, NotFinite) as error:
             ended.code, ended.reason = EXIT_NOT_CONVERGED, str(error)
             self.checkpoints.save_good()

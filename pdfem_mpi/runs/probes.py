@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdfem_mpi.deck.mechanical_probes import CutProbe, PointProbe, SetProbe
+from pdfem_mpi.deck.mechanical_probes import CutProbe, EnergyReleaseProbe, PointProbe, SetProbe
 from pdfem_mpi.deck.outputs import BarProbe, DisplacementProbe, LineProbe
 from pdfem_mpi.measure.bar import Bar, bar_results, measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
@@ -120,12 +120,13 @@ class PointOutput(Output):
 class ReadOutput(Output):
     """What all ranks together read: of a set of cells, or of a plane."""
 
-    def __init__(self, probe: SetProbe | CutProbe) -> None:
+    def __init__(self, probe: SetProbe | CutProbe | EnergyReleaseProbe) -> None:
         super().__init__()
         self.probe = probe
 
     def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
-        self.results = {self.probe.name: fields.probed[self.probe.name]}
+        if self.probe.name in fields.probed:  # the rate of a run that did not come to its end is not known
+            self.results = {self.probe.name: fields.probed[self.probe.name]}
 
 
 #: Which output a table of ``[[probes]]`` asks for.
@@ -136,4 +137,5 @@ OF_PROBE = {
     PointProbe: PointOutput,
     SetProbe: ReadOutput,
     CutProbe: ReadOutput,
+    EnergyReleaseProbe: ReadOutput,
 }

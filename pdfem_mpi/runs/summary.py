@@ -155,6 +155,8 @@ def end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
 def _nested(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Words and numbers of what a probe found by name; means of what it found over a set."""
     for word, value in found.items():
+        if value is None:
+            continue
         values = value["mean"] if isinstance(value, dict) else value if isinstance(value, list) else [value]
         yield (
             f"mean {word}" if isinstance(value, dict) else word,

@@ -151,8 +151,8 @@ point = [1.1, 0.9, 1.7]
 load_factors = [0.5, 1.0]
 """
     folder = pdfem.run(parse_deck(text, "bar.toml"), tmp_path / "run")
-    np.testing.assert_allclose(folder.history["middle_force_x"], [0.5 * LOAD, LOAD], rtol=EQUILIBRIUM)
-    assert folder.summary["probes"]["middle"]["force"][0] == folder.history["middle_force_x"][-1]
+    np.testing.assert_allclose(folder.history["middle.force_x"], [0.5 * LOAD, LOAD], rtol=EQUILIBRIUM)
+    assert folder.summary["probes"]["middle"]["force"][0] == folder.history["middle.force_x"][-1]
     assert folder.summary["probes"]["inside"]["stress"][0] == pytest.approx(STRESS, rel=EQUILIBRIUM)
     line = folder.line("axis")
     np.testing.assert_allclose(line["stress_xx"][1:], STRESS, rtol=EQUILIBRIUM)
