@@ -6,7 +6,7 @@ peridynamic cell. What a rank keeps of it is cut out in ``model.py``.
 **Model units.** Lengths are in units of the internal length ``l`` (without peridynamics: of the mean edge), measured
 from the centre of the bounding box, stresses in units of the default material's Young's modulus. Numbers stored in
 single precision then do not depend on the deck's units, and a body far from the origin loses nothing after this
-subtraction.
+subtraction (`model_units`).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from pdfem_mpi.body.fitted_bodies import FittedBodies, find_fitted_bodies, same_bonds
 from pdfem_mpi.body.materials import MaterialTable, material_table
 from pdfem_mpi.body.meshing import check_folded, describe_folded, make_mesh
+from pdfem_mpi.body.model_units import ModelUnits, quantum_for
 from pdfem_mpi.body.overlap import check_cracks, check_joints, check_overlap_materials, find_overlap
 from pdfem_mpi.body.regions import assign_regions
 from pdfem_mpi.deck.materials import PERIDYNAMIC_POISSONS_RATIO
@@ -28,20 +29,6 @@ from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors, mirrors_at
 from pdfem_mpi.mesh.quality import Quality, folded_cells, measure
-
-
-@dataclass(frozen=True)
-class ModelUnits:
-    """One model unit of length and of stress, in the deck's units, and the deck's position of the model's origin."""
-
-    length: float
-    stress: float
-    origin: np.ndarray
-
-    @property
-    def force(self) -> float:
-        """One model unit of force, in the deck's."""
-        return self.stress * self.length**2
 
 
 @dataclass(frozen=True)
@@ -181,12 +168,11 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
     keeps_both = scene.coupling.kind == "paper_a"
     has_stiffness = ~peridynamic & (keeps_both | ~is_overlap)
 
+    length, cutoff_radius, quantum = mesh.mean_edge, 0.0, 0.0
     if has_points.any():
         length, cutoff_radius = scene.peridynamics.lengths(_cell_edge(scene, mesh))
-        cutoff = cutoff_radius / length * (1.0 + CUTOFF_GUARD)
-    else:
-        length, cutoff = mesh.mean_edge, 0.0
-    units = ModelUnits(length, scene.material.youngs_modulus, 0.5 * (mesh.lower + mesh.upper))
+        quantum = quantum_for(mesh.lower, mesh.upper, length) if scene.can_fail else 0.0
+    units = ModelUnits(length, scene.material.youngs_modulus, 0.5 * (mesh.lower + mesh.upper), quantum)
 
     carries = np.zeros(len(mesh.nodes), bool)
     carries[mesh.cells[has_stiffness | is_overlap]] = True
@@ -194,10 +180,10 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         mesh=mesh,
         quality=quality,
         units=units,
-        nodes=(mesh.nodes - units.origin) / length,
+        nodes=units.places(mesh.nodes),
         region=region,
         material=material,
-        materials=materials,
+        materials=materials.rounded(units),
         is_peridynamic=peridynamic,
         has_points=has_points,
         is_overlap=is_overlap,
@@ -206,8 +192,8 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         has_stiffness=has_stiffness,
         point_cell_number=_number(has_points),
         node_number=_number(carries),
-        cutoff=cutoff,
-        mirrors=mirrors_at(scene.mesh.symmetry, *(np.array([mesh.lower, mesh.upper]) - units.origin) / length),
+        cutoff=units.numbers(cutoff_radius / length) * (1.0 + CUTOFF_GUARD),
+        mirrors=mirrors_at(scene.mesh.symmetry, *units.places(np.array([mesh.lower, mesh.upper]))),
     )
 
 
@@ -244,7 +230,9 @@ def _cell_edge(scene: Scene, mesh: HexMesh) -> float:
     """The paper's Delta: graded cells of a plate are "approximately" as wide as its spacing (sec. 4.2)."""
     if isinstance(scene.mesh, FileMesh):
         return mesh.average_edge if scene.mesh.spacing is None else scene.mesh.spacing
-    return scene.mesh.spacing if isinstance(scene.mesh, PlateWithHoleMesh) else mesh.largest_edge
+    if isinstance(scene.mesh, PlateWithHoleMesh) or scene.can_fail:
+        return scene.mesh.spacing  # of a box within 1e-6, and no difference of places far from the origin
+    return mesh.largest_edge
 
 
 def _number(chosen: np.ndarray) -> np.ndarray:

@@ -126,8 +126,7 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
         unsupported=unsupported,
         held=held,
         moves=tuple(any((s.x, s.y, s.z)) for s in scene.supports),
-        reach=max((abs(a) for s in scene.supports for a in (s.x, s.y, s.z) if a), default=0.0)
-        / discretization.units.length,
+        reach=_largest_displacement(scene, discretization),
         load=_one_way(model, external),
         taken=taken,
     )
@@ -186,6 +185,13 @@ def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarra
     return np.where(sums[:, 1] > 0.0, sums[:, 0], np.nan)
 
 
+def _largest_displacement(scene: Scene, discretization: Discretization) -> float:
+    """Largest prescribed component, model units."""
+    units = discretization.units
+    prescribed = (a for s in scene.supports for a in (s.x, s.y, s.z))
+    return float(units.numbers(max((abs(a) for a in prescribed if a), default=0.0) / units.length))
+
+
 def _one_way(model: Model, external: np.ndarray) -> float:
     along = (model.unknowns.along(external, d) for d in range(3))
     ways = (np.maximum(sign * forces, 0.0) for forces in along for sign in (1.0, -1.0))
@@ -222,7 +228,7 @@ def _density(discretization: Discretization, load: BodyForce, where: str, scene:
     else:
         corners = discretization.nodes[discretization.mesh.cells[chosen]]
         density = np.array(load.total) / units.force / math.fsum(gauss_volumes(corners).reshape(-1))
-    return np.where(chosen[:, None], density, 0.0)
+    return np.where(chosen[:, None], units.numbers(density), 0.0)
 
 
 def _lump_on_nodes(discretization: Discretization, on_cells: np.ndarray, on_nodes: np.ndarray) -> None:

@@ -16,7 +16,7 @@ def prescribe(scene: Scene, discretization: Discretization, messages: list[str])
 
     Both for the points of cells (n_cells, 3) and for nodes (n_mesh_nodes, 3).
     """
-    mesh = discretization.mesh
+    mesh, units = discretization.mesh, discretization.units
     on_cells = np.full((len(mesh.cells), 3), np.nan)
     on_nodes = np.full((len(mesh.nodes), 3), np.nan)
     by_cells, by_nodes = on_cells.copy(), on_nodes.copy()
@@ -38,7 +38,7 @@ def prescribe(scene: Scene, discretization: Discretization, messages: list[str])
         for d, amount in enumerate((support.x, support.y, support.z)):
             if amount is None:
                 continue
-            displacement = amount / discretization.units.length
+            displacement = float(units.numbers(amount / units.length))
             through = np.count_nonzero(nodes & mirrored[:, d])
             if through and amount:
                 messages.append(
@@ -51,7 +51,7 @@ def prescribe(scene: Scene, discretization: Discretization, messages: list[str])
             ):
                 other = chosen & ~np.isnan(table[:, d]) & (table[:, d] != displacement)
                 if other.any():
-                    before = table[np.flatnonzero(other)[0], d] * discretization.units.length
+                    before = table[np.flatnonzero(other)[0], d] * units.length
                     messages.append(
                         f"{where}.{'xyz'[d]} = {amount:.6g} contradicts {before:.6g}, prescribed by an earlier support "
                         f"at {np.count_nonzero(other)} of the same places. Keep one of them."

@@ -45,9 +45,9 @@ def traction_forces(
     units = discretization.units
     whole = math.fsum(areas)
     if load.traction is not None:
-        traction = np.array(load.traction) / units.stress
+        traction = units.numbers(np.array(load.traction) / units.stress)
     else:
-        traction = np.array(load.total) / units.force / whole
+        traction = units.numbers(np.array(load.total) / units.force / whole)
     on_points = np.zeros((len(discretization.mesh.cells), 8, 3))
     if load.nodal == "equal":
         nodes = np.unique(faces)
