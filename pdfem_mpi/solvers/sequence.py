@@ -84,7 +84,7 @@ class Sequence:
             "supports. Hold that part, or join it to the rest."
         )
 
-    def run(self, r, norm, goal, max_evaluations, round_off, told, stop=False) -> None:
+    def run(self, r, norm, goal, max_evaluations, round_off, observe, stop=False) -> None:
         """``K x = r`` until the recursive residual's norm is at most ``goal``; ``r`` is overwritten. Collective.
 
         ``norm`` is that of ``r``. An indefinite direction met below ``round_off`` ends the run quietly: the true
@@ -133,7 +133,7 @@ class Sequence:
             take_step(self.z, self.w, alpha, beta, self.p, self.s, self.x, r, digits)
             self.norm = math.sqrt(value(sum_integers(forces.model.comm, digits)))
             self.met.append(forces.met.copy())
-            told(self.norm)
+            observe(self.norm)
             best = min(best, self.norm)
             if self.norm <= goal or (self.norm > DRIFT * best and best <= trusted):
                 return
