@@ -1,13 +1,14 @@
 """Bodies break alike in all units and everywhere: the same bonds in the same order, and fields of the same bits.
 
-Batches of breaks multiply what two runs differ by, some five times each; so nothing may differ. Lengths times a power of
-two change no bit of anything; other units and places are rounded away (`body.model_units`).
+Batches of breaks multiply what two runs differ by, some five times each; so nothing may differ. Lengths times a power
+of two change no bit of anything; other units and places are rounded away (`body.model_units`).
 """
 
 import numpy as np
 import pytest
 
 from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.programs import Ramp
 from support.failing import followed, numbers, strip
 from support.transformed import Transform
 
@@ -23,6 +24,7 @@ BODIES = {
     "finite": {"kinematics": "finite"},
     "energy control": {"control": "energy"},
     "coupled, finite": COUPLED | {"kinematics": "finite"},
+    "ramp": {"solver": "adr", "stepping": Ramp(kind="ramp", increment=1e-3, end_reaction=0.3, report_every=20)},
 }
 
 

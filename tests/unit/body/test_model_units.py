@@ -28,13 +28,13 @@ def test_without_a_quantum_nothing_is_rounded():
 
 def test_places_are_multiples_of_the_quantum():
     """At most half of it away, and mirror images stay mirror images."""
-    x = np.random.default_rng(1).uniform(-5.0, 5.0, (50, 3)) + [1.0, 2.0, 3.0]
+    x = np.random.default_rng(1).uniform(-5.0, 5.0, (50, 3))
     found = units(QUANTUM).places(x)
     exact = units(0.0).places(x)
     assert (found / QUANTUM == np.rint(found / QUANTUM)).all()
     assert 0.1 * QUANTUM < np.abs(found - exact).max() <= 0.5 * QUANTUM
-    np.testing.assert_array_equal(np.abs(ModelUnits(0.3, 7.0, np.zeros(3), QUANTUM).places(-x)),
-                                  ModelUnits(0.3, 7.0, np.zeros(3), QUANTUM).places(x))  # fmt: skip
+    centred = ModelUnits(0.3, 7.0, np.zeros(3), QUANTUM)
+    np.testing.assert_array_equal(centred.places(-x), -centred.places(x))
 
 
 def test_numbers_keep_forty_digits():
