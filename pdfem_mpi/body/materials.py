@@ -6,10 +6,11 @@ come the tables ``[materials.NAME]``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.deck.materials import DEFAULT_MATERIAL, Material
 from pdfem_mpi.deck.scene import Scene
 
@@ -38,6 +39,11 @@ class MaterialTable:
     def own_bond_modulus(self) -> np.ndarray:
         """``bond_modulus`` within each material, which is its Young's modulus at a Poisson's ratio of 1/4."""
         return np.diag(self.bond_modulus)
+
+    def rounded(self, units: ModelUnits) -> MaterialTable:
+        """The same without digits that hang on the deck's units, if these are rounded."""
+        moduli = {name: units.numbers(getattr(self, name)) for name in ("youngs_modulus", "bond_modulus")}
+        return replace(self, **moduli)
 
 
 def materials_of(scene: Scene) -> dict[str, Material]:

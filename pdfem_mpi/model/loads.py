@@ -129,7 +129,7 @@ def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
         unsupported=unsupported,
         held=held,
         moves=tuple(any((s.x, s.y, s.z)) for s in scene.supports),
-        reach=max((abs(a) for s in scene.supports for a in (s.x, s.y, s.z) if a), default=0.0) / share.units.length,
+        reach=_largest_displacement(scene, share),
         load=_one_way(model, external),
         taken=taken,
     )
@@ -197,6 +197,13 @@ def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarra
     return np.where(sums[:, 1] > 0.0, sums[:, 0], np.nan)
 
 
+def _largest_displacement(scene: Scene, share: Share) -> float:
+    """Largest prescribed component, model units."""
+    units = share.units
+    prescribed = (a for s in scene.supports for a in (s.x, s.y, s.z))
+    return float(units.numbers(max((abs(a) for a in prescribed if a), default=0.0) / units.length))
+
+
 def _one_way(model: Model, external: np.ndarray) -> float:
     along = (model.unknowns.along(external, d) for d in range(3))
     ways = (np.maximum(sign * forces, 0.0) for forces in along for sign in (1.0, -1.0))
@@ -228,9 +235,9 @@ def _density(share: Share, load: BodyForce, cells: np.ndarray) -> np.ndarray:
     """Body force per volume on the chosen cells, (3,), model units. Collective."""
     units = share.units
     if load.density is not None:
-        return np.array(load.density) * (units.length / units.stress)
+        return units.numbers(np.array(load.density) * (units.length / units.stress))
     volumes = gauss_volumes(share.nodes[share.mesh.cells[cells[share.is_owned[cells]]]])
-    return np.array(load.total) / units.force / share.exact_sums([volumes])[0]
+    return units.numbers(np.array(load.total) / units.force / share.exact_sums([volumes])[0])
 
 
 def _lump_on_nodes(share: Share, on_cells: np.ndarray, on_nodes: np.ndarray) -> None:
