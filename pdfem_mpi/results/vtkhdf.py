@@ -32,6 +32,10 @@ STEP_ENTRIES = {
     "ConnectivityIdOffsets": ((1,), 0),
 }
 
+#: How many rows a frame has of each kind of field.
+COUNTS = {"PointData": "NumberOfPoints", "CellData": "NumberOfCells"}
+
+Kind = Literal["PointData", "CellData"]
 Precision = Literal["f4", "f8"]
 Arrays = Mapping[str, np.ndarray]
 
@@ -162,10 +166,10 @@ def has_numbers(path: str | Path) -> bool:
         return "FieldData" in file["VTKHDF"]
 
 
-def frame_fields(path: str | Path) -> list[str]:
-    """Names of the point fields that the frames have."""
+def frame_fields(path: str | Path, kind: Kind = "PointData") -> list[str]:
+    """Names of the fields of points (or nodes), or of cells, that the frames have."""
     with h5py.File(path, "r", locking=False) as file:
-        return sorted(file["VTKHDF/Steps/PointDataOffsets"])
+        return sorted(file[f"VTKHDF/Steps/{kind}Offsets"])
 
 
 def read_times(path: str | Path) -> np.ndarray:
@@ -181,8 +185,8 @@ def read_points(path: str | Path) -> np.ndarray:
         return file["VTKHDF/Points"][:]
 
 
-def read_frame(path: str | Path, name: str, frame: int) -> np.ndarray:
-    """A point field of one frame, shape (n,) or (n, k).
+def read_frame(path: str | Path, name: str, frame: int, kind: Kind = "PointData") -> np.ndarray:
+    """A field of one frame, of points (or nodes) or of cells, shape (n,) or (n, k).
 
     Raises
     ------
@@ -194,8 +198,8 @@ def read_frame(path: str | Path, name: str, frame: int) -> np.ndarray:
         present = int(root["Steps"].attrs["NSteps"])
         if not 0 <= frame < present:
             raise ValueError(f"{path}: has {present} frames, and no frame {frame}")
-        start = int(root["Steps/PointDataOffsets"][name][frame])
-        return root["PointData"][name][start : start + int(root["NumberOfPoints"][0])]
+        start = int(root[f"Steps/{kind}Offsets"][name][frame])
+        return root[kind][name][start : start + int(root[COUNTS[kind]][0])]
 
 
 def truncate(path: str | Path, n_frames: int) -> None:

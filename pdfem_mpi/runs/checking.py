@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdfem_mpi.body.share import partition
+from pdfem_mpi.body.share import Share
+from pdfem_mpi.body.subdomain import too_many_ranks
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.fit.fit import EXPECTED_SWEEPS, SWEEP_RATE
 from pdfem_mpi.runs.memory_estimate import show_bytes
 from pdfem_mpi.runs.memory_report import features_of
 from pdfem_mpi.runs.prepare import count_sizes, describe_mirrors, prepare, warm_up
-from pdfem_mpi.runs.understanding import describe, describe_ranks, understand
+from pdfem_mpi.runs.understanding import describe, understand
 
 
 def check_scene(scene: Scene, comm, ranks: int | None = None) -> dict[str, str]:
@@ -27,16 +29,17 @@ def check_scene(scene: Scene, comm, ranks: int | None = None) -> dict[str, str]:
     SceneError
         For all that a run would refuse; also when it would not fit into memory.
     """
-    discretization, need = prepare(scene, comm)
-    owner = partition(discretization, ranks) if ranks else None
+    share, need = prepare(scene, comm)
+    if ranks and ranks > share.counts.cells:
+        raise SceneError([too_many_ranks(ranks, share.counts.cells)])
     warm_up(comm, features_of(scene))
-    found = understand(scene, discretization, comm)
-    sizes, quality = count_sizes(discretization, None), discretization.quality
+    found = understand(scene, share, comm)
+    sizes, quality = count_sizes(share, None), share.quality
     bonds, total = sum_integers(comm, np.array([int(need.bonds), int(need.bytes)]))
     return {
-        **({"mirror planes": describe_mirrors(scene)} if discretization.mirrors else {}),
-        "cells": f"{len(discretization.mesh.cells)}",
-        **({"of the mesh file": "; ".join(discretization.notes)} if discretization.notes else {}),
+        **({"mirror planes": describe_mirrors(scene)} if share.mirrors else {}),
+        "cells": f"{share.counts.cells}",
+        **({"of the mesh file": "; ".join(share.notes)} if share.notes else {}),
         "nodes": f"{sizes['nodes']}",
         "edges of cells": f"{quality.shortest_edge:.4g} to {quality.longest_edge:.4g}",
         "smallest scaled Jacobian": f"{quality.smallest_scaled_jacobian:.4g}",
@@ -47,9 +50,14 @@ def check_scene(scene: Scene, comm, ranks: int | None = None) -> dict[str, str]:
         "memory, about": f"{show_bytes(total)} in all, of the largest rank "
         f"{show_bytes(float(largest(comm, np.array([need.bytes]))[0]))}",
         **_fit_cost(scene, bonds, comm.size),
-        **({} if owner is None else {"ranks": describe_ranks(owner, discretization, ranks)}),
-        **dict(describe(scene, discretization, found)),
+        **({"cells and points of a rank, about": _shares(share, ranks)} if ranks else {}),
+        **dict(describe(scene, share, found)),
     }
+
+
+def _shares(share: Share, ranks: int) -> str:
+    """What each of so many ranks would have."""
+    return f"{share.counts.cells / ranks:,.0f} and {8 * share.counts.point_cells / ranks:,.0f} on each of {ranks:,}"
 
 
 def _fit_cost(scene: Scene, bonds: int, ranks: int) -> dict[str, str]:

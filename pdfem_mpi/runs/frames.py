@@ -9,14 +9,17 @@ from typing import Any
 import numpy as np
 
 from pdfem_mpi import __version__
-from pdfem_mpi.measure.fields import Fields, point_positions
+from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.results.cursor import continue_frames, set_aside
 from pdfem_mpi.results.frame_digest import FrameDigest
 from pdfem_mpi.runs.output import Output, Place
 
+Arrays = dict[str, Any]
 HISTORY_FILE, POINTS_FILE, ELEMENTS_FILE = "history.csv", "points.vtkhdf", "elements.vtkhdf"
-#: Columns of history.csv that a frame has as well.
-NUMBERS = ("load_factor", "reaction", "broken_bonds")
+#: Columns of history.csv that a frame has as well, and their names there; ``time`` is the viewer's own.
+NUMBERS = {
+    "load_factor": "load_factor", "time": "pseudo_time", "reaction": "reaction", "broken_bonds": "broken_bonds",
+}  # fmt: skip
 
 
 class FramesOutput(Output):
@@ -29,7 +32,9 @@ class FramesOutput(Output):
     create : callable
         ``create(place, path)`` writes its geometry.
     pick : callable
-        The displacements of its places in `Fields`.
+        What its points, or nodes, and its cells have in `Fields`, by name.
+    names : tuple of str
+        Of the fields that the deck asks for.
     has_damage : bool
 
     Attributes
@@ -38,10 +43,16 @@ class FramesOutput(Output):
         Rows of the history so far: the number of the last is the time of its frame, so that time always rises.
     """
 
-    def __init__(self, name: str, create: Callable[[Place, Path], None], pick: Callable[[Fields], np.ndarray | None],
-                 has_damage: bool = False) -> None:  # fmt: skip
+    def __init__(
+        self,
+        name: str,
+        create: Callable[[Place, Path], None],
+        pick: Callable[[Fields], tuple[Arrays, Arrays]],
+        names: tuple[str, ...],
+        has_damage: bool = False,
+    ) -> None:
         super().__init__()
-        self.name, self.create, self.pick, self.has_damage = name, create, pick, has_damage
+        self.name, self.create, self.pick, self.names, self.has_damage = name, create, pick, names, has_damage
         self.path: Path
         self.digest: FrameDigest
         self.row, self.every = 0, 1
@@ -73,12 +84,14 @@ class FramesOutput(Output):
     def close(self, place: Place) -> None:
         self._append()  # the last row, whatever its number is
 
-    def arrays(self, fields: Fields | None, damage: np.ndarray | None) -> tuple[dict[str, Any], dict[str, Any]]:
+    def arrays(self, fields: Fields | None, damage: np.ndarray | None) -> tuple[Arrays, Arrays]:
         """Fields of a frame on points or nodes, and on cells."""
-        arrays = {"displacement": self.pick(fields)}
+        on_points, on_cells = (
+            {name: found[name] for name in self.names if name in found} for found in self.pick(fields)
+        )
         if damage is not None and self.has_damage:
-            arrays["damage"] = damage
-        return arrays, {}
+            on_points["damage"] = damage
+        return on_points, on_cells
 
     def _append(self) -> None:
         """Append the frame of the last row, if it is not there already."""
@@ -87,37 +100,46 @@ class FramesOutput(Output):
         if self._waiting is None:
             return
         columns, fields, damage = self._waiting
-        numbers = {name: columns[name] for name in NUMBERS if name in columns}
+        numbers = {name: columns[column] for column, name in NUMBERS.items() if column in columns}
         vtkhdf.append_frame(self.path, self.row, *self.arrays(fields, damage), numbers, self.digest)
         self._waiting = None
+
+
+def fields_of_points(fields: Fields) -> tuple[Arrays, Arrays]:
+    """What the peridynamic points have."""
+    return {"displacement": fields.u_points, **fields.of_points}, {}
+
+
+def fields_of_elements(fields: Fields) -> tuple[Arrays, Arrays]:
+    """What the nodes of elements have, and their cells."""
+    return {"displacement": fields.u_nodes}, fields.of_cells
 
 
 def create_points(place: Place, path: Path) -> None:
     """Write the geometry of the peridynamic points."""
     from pdfem_mpi.results import vtkhdf
 
-    discretization = place.discretization
-    chosen = discretization.has_points
+    geometry = place.geometry
+    chosen = geometry.has_points
     data = {
         "global_id": np.arange(8 * np.count_nonzero(chosen)),
-        "region": np.repeat(discretization.region[chosen], 8),
-        "material": np.repeat(discretization.material[chosen], 8),
-        "overlap": np.repeat(discretization.is_overlap[chosen], 8),
+        "region": np.repeat(geometry.region[chosen], 8),
+        "material": np.repeat(geometry.material[chosen], 8),
+        "overlap": np.repeat(geometry.is_overlap[chosen], 8),
     }
-    vtkhdf.create_points(path, point_positions(discretization), data, attributes=_identity(place))
+    vtkhdf.create_points(path, geometry.point_positions, data, attributes=_identity(place))
 
 
 def create_elements(place: Place, path: Path) -> None:
     """Write the geometry of the finite elements."""
-    discretization = place.discretization
-    cells = discretization.has_nodes
+    geometry = place.geometry
+    cells = geometry.has_nodes
     data = {
-        "region": discretization.region[cells],
-        "material": discretization.material[cells],
-        "overlap": discretization.is_overlap[cells],
+        "region": geometry.region[cells],
+        "material": geometry.material[cells],
+        "overlap": geometry.is_overlap[cells],
     }
-    nodes = discretization.mesh.nodes[discretization.node_number >= 0]
-    write_cells(place, path, nodes, discretization.node_number[discretization.mesh.cells[cells]], data)
+    write_cells(place, path, geometry.node_positions, geometry.node_row[geometry.mesh.cells[cells]], data)
 
 
 def write_cells(place: Place, path: Path, nodes: np.ndarray, cells: np.ndarray, data: dict[str, np.ndarray]) -> None:

@@ -6,13 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.materials import materials_of
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.model.forces import Forces
-from pdfem_mpi.model.selection import select_cells
-from pdfem_mpi.parallel.comm import largest
+from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.runs.failure_notes import Criterion
 from pdfem_mpi.runs.simulation import Simulation
@@ -34,11 +32,11 @@ EARLY, LATE = 0.01, 100.0
 _PAIRS = np.array([(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)])
 
 
-def doubts(scene: Scene, discretization: Discretization, limits: dict[str, Criterion]) -> Iterator[str]:
-    """What may not be meant, before anything is solved."""
+def doubts(scene: Scene, share: Share, limits: dict[str, Criterion]) -> Iterator[str]:
+    """What may not be meant, before anything is solved. Collective."""
     yield from doubtful_moduli(scene)
     yield from doubtful_limits(scene, limits)
-    yield from supports_that_may_break_loose(scene, discretization)
+    yield from supports_that_may_break_loose(scene, share)
 
 
 def doubtful_moduli(scene: Scene) -> Iterator[str]:
@@ -78,22 +76,20 @@ def doubtful_limits(scene: Scene, limits: dict[str, Criterion]) -> Iterator[str]
             )
 
 
-def supports_that_may_break_loose(scene: Scene, discretization: Discretization) -> Iterator[str]:
-    """Supports and loads on cells whose bonds may break."""
+def supports_that_may_break_loose(scene: Scene, share: Share) -> Iterator[str]:
+    """Supports and loads on cells whose bonds may break. Collective."""
     if not scene.can_fail:
         return
     breaking = np.array([region.model == "peridynamics" and region.may_fail is not False for region in scene.regions])
-    breaks = breaking[discretization.region] & ~discretization.has_nodes
+    breaks = breaking[share.region] & ~share.has_nodes
     found = []
     for table in ("supports", "loads"):
         for index, entry in enumerate(getattr(scene, table)):
             if getattr(entry, "kind", "body_force") != "body_force":
                 continue
-            try:
-                cells = select_cells(discretization, entry, f"{table}.{index}", scene)
-            except SceneError:
-                continue
-            if (cells & breaks).any():
+            chosen = getattr(share.selections, table)[index]
+            here = 0 if chosen is None else np.count_nonzero(breaks[chosen.cells])
+            if sum_integers(share.comm, np.array([here]))[0]:
                 found.append(f"{table}.{index}")
     if found:
         shown = ", ".join(found[:5]) + (", ..." if len(found) > 5 else "")
@@ -113,7 +109,7 @@ def look_back(simulation: Simulation, first_break: float | None) -> Iterator[str
     """
     yield from describe_first_break(first_break)
     if first_break is None:
-        body = simulation.discretization
+        body = simulation.share
         edge = body.quality.shortest_edge / body.units.length
         yield from describe_small_strains(simulation.scene, simulation.forces, edge)
 

@@ -13,7 +13,7 @@ from time import perf_counter
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.breaking import make_failure
@@ -22,9 +22,9 @@ from pdfem_mpi.model.loads import LoadCase, make_load_case, resultant_of
 from pdfem_mpi.model.model import Model, build_model
 from pdfem_mpi.model.motions import name_motion
 from pdfem_mpi.model.parts import describe_unsupported
-from pdfem_mpi.model.selection import select_cells
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.runs.failure_notes import criteria
 from pdfem_mpi.runs.memory_estimate import show_bytes
@@ -58,7 +58,7 @@ class Understood:
     seconds: float
 
 
-def understand(scene: Scene, discretization: Discretization, comm) -> Understood:
+def understand(scene: Scene, share: Share, comm) -> Understood:
     """Make what a run would make, but for corrections and solver. Collective.
 
     Raises
@@ -66,9 +66,9 @@ def understand(scene: Scene, discretization: Discretization, comm) -> Understood
     SceneError
         For all that a run would refuse.
     """
-    model = build_model(without_corrections(scene), discretization, comm)
-    case = make_load_case(scene, discretization, model)
-    failure = make_failure(scene, discretization, model)
+    model = build_model(without_corrections(scene), share, comm)
+    case = make_load_case(scene, share, model)
+    failure = make_failure(scene, share, model)
     state = new_state(model)
     forces, residual = Forces(model, state.bounds), np.empty_like(state.u)
     forces.evaluate_surely(state.u, case.external, residual)  # tables are filled
@@ -82,66 +82,69 @@ def understand(scene: Scene, discretization: Discretization, comm) -> Understood
 def without_corrections(scene: Scene) -> Scene:
     """The scene with the bonds as they are found, and without weights of damage."""
     settings = scene.peridynamics.model_copy(update={"surface_correction": "none", "stiffness_noise": 0.0})
-    output = scene.output.model_copy(update={"damage": False})
+    output = scene.output.model_copy(update={"fields": bool(scene.output.fields), "damage": False})
     return scene.model_copy(update={"peridynamics": settings, "output": output})
 
 
-def describe(scene: Scene, discretization: Discretization, found: Understood) -> Iterator[tuple[str, str]]:
+def describe(scene: Scene, share: Share, found: Understood) -> Iterator[tuple[str, str]]:
     """Rows of the table of `pdfem check`. Collective."""
-    yield from _regions(scene, discretization)
-    yield from _loads(scene, discretization)
-    yield from _supports(scene, discretization, found)
+    yield from _regions(scene, share)
+    yield from _loads(scene, share)
+    yield from _supports(scene, share, found)
     for index, (crack, cut) in enumerate(zip(scene.cracks, found.model.cut, strict=False)):
         corners = np.array(crack.polygon)
         what = f"cuts {cut:,} bonds" if cut else "cuts no bond: it does not pass through peridynamic cells"
         yield f"cracks.{index}", f"{what}; {_box(corners.min(axis=0), corners.max(axis=0), scene.units.length)}"
-    yield "free motions", _free_motions(scene, discretization, found.case)
+    yield "free motions", _free_motions(scene, share, found.case)
     if not np.isnan(found.case.taken).all():
-        yield "loads on supports", describe_taken(found.case.taken * discretization.units.force, scene.units.force)
-    yield from _limits(scene, discretization, found.model)
-    told = list(doubts(scene, discretization, criteria(scene, discretization, found.model)))
+        yield "loads on supports", describe_taken(found.case.taken * share.units.force, scene.units.force)
+    yield from _limits(scene, share, found.model)
+    told = list(doubts(scene, share, criteria(scene, share, found.model)))
     yield from ((f"doubt {k}", text) for k, text in enumerate(told, start=1))
-    yield from _time(scene, discretization, found)
-    yield "disk, about", _disk(scene, discretization, found.model)
+    yield from _time(scene, share, found)
+    yield "disk, about", _disk(scene, share, found.model)
 
 
-def _regions(scene: Scene, discretization: Discretization) -> Iterator[tuple[str, str]]:
+def _regions(scene: Scene, share: Share) -> Iterator[tuple[str, str]]:
     for index, region in enumerate(scene.regions):
-        cells = discretization.region == index
-        words = [region.model.replace("_", " "), f"{np.count_nonzero(cells):,} cells"]
-        points = 8 * np.count_nonzero(cells & discretization.has_points)
-        words += [f"{points:,} points"] if points else []
+        cells = (share.region == index) & share.is_owned
+        count, with_points = _counts(share, cells, cells & share.has_points)
+        words = [region.model.replace("_", " "), f"{count:,} cells"]
+        words += [f"{8 * with_points:,} points"] if with_points else []
         words += [f"material {region.material}"] if scene.materials else []
         words += ["bonds never break"] if scene.can_fail and region.may_fail is False else []
-        yield f"region {region.name}", f"{', '.join(words)}; {_box_of(discretization, cells, scene)}"
+        yield f"region {region.name}", f"{', '.join(words)}; {_box_of(share, cells, None, scene)}"
 
 
-def _loads(scene: Scene, discretization: Discretization) -> Iterator[tuple[str, str]]:
+def _loads(scene: Scene, share: Share) -> Iterator[tuple[str, str]]:
     unit = f" {scene.units.force}" if scene.units.force else ""
     for index, load in enumerate(scene.loads):
-        force, cells, nodes = resultant_of(scene, discretization, index)
-        places = [f"{np.count_nonzero(cells):,} cells"] if cells.any() else []
-        places += [f"{np.count_nonzero(nodes):,} nodes"] if nodes.any() else []
-        low, high = _ends(discretization, cells, nodes)
+        force, cells, nodes = resultant_of(scene, share, index)
+        force = exact_dots(share.comm, [(force[d : d + 1], np.ones(1)) for d in range(3)]) * share.units.force
+        n_cells, n_nodes = _counts(share, cells, nodes)
+        places = [f"{n_cells:,} cells"] if n_cells else []
+        places += [f"{n_nodes:,} nodes"] if n_nodes else []
         total = ", ".join(f"{value:.6g}" for value in force)
         text = f"{load.kind.replace('_', ' ')} of ({total}){unit} in all on {' and '.join(places) or 'nothing'}"
-        yield f"loads.{index}", f"{text}; {_box(low, high, scene.units.length)}"
+        yield f"loads.{index}", f"{text}; {_box_of(share, cells, nodes, scene)}"
 
 
-def _supports(scene: Scene, discretization: Discretization, found: Understood) -> Iterator[tuple[str, str]]:
+def _supports(scene: Scene, share: Share, found: Understood) -> Iterator[tuple[str, str]]:
     unit = f" {scene.units.length}" if scene.units.length else ""
     for index, support in enumerate(scene.supports):
-        counts = sum_integers(found.model.comm, np.array([len(held) for held in found.case.held[index]]))
+        counts = sum_integers(share.comm, np.array([len(held) for held in found.case.held[index]]))
         amounts = [
             f"{axis} = {getattr(support, axis):.6g}{unit} at {count:,} points and nodes"
             for axis, count in zip("xyz", counts.tolist(), strict=True)
             if getattr(support, axis) is not None
         ]
-        cells = select_cells(discretization, support, f"supports.{index}", scene)
-        yield f"supports.{index}", f"{', '.join(amounts)}; in cells {_box_of(discretization, cells, scene)}"
+        cells = np.zeros(len(share.mesh.cells), bool)
+        cells[share.selections.supports[index].cells] = True
+        place = _box_of(share, cells & share.is_owned, None, scene)
+        yield f"supports.{index}", f"{', '.join(amounts) or 'prescribes nothing'}; in cells {place}"
 
 
-def _free_motions(scene: Scene, discretization: Discretization, case: LoadCase) -> str:
+def _free_motions(scene: Scene, share: Share, case: LoadCase) -> str:
     if case.parts.count > 1:
         loose = describe_unsupported(case.parts, case.unsupported)
         return f"the body is in {case.parts.count:,} parts" + (f"; {'; '.join(loose)}" if loose else ", all held")
@@ -154,27 +157,27 @@ def _free_motions(scene: Scene, discretization: Discretization, case: LoadCase) 
     return f"{len(case.free_motions)}, {words}: no support holds them, and loads are in balance along them"
 
 
-def _limits(scene: Scene, discretization: Discretization, model: Model) -> Iterator[tuple[str, str]]:
+def _limits(scene: Scene, share: Share, model: Model) -> Iterator[tuple[str, str]]:
     """When bonds break, and how large the zone is in which they do."""
     force, unit = scene.units.force, scene.units.length
     per_area = f" {force}/{unit}^2" if force and unit else ""
     per_length = f" {force}/{unit}" if force and unit else ""
     length = f" {unit}" if unit else ""
     tables = {"default": scene.material, **scene.materials}
-    for name, criterion in criteria(scene, discretization, model).items():
+    for name, criterion in criteria(scene, share, model).items():
         zone = tables[name].youngs_modulus * criterion.fracture_energy_bulk / criterion.strength**2
         yield (
             f"failure of {name}" if len(tables) > 1 else "failure",
             f"critical stretch {criterion.critical_stretch:.4g}, strength E s_0 = {criterion.strength:.4g}{per_area}, "
             f"fracture energy {criterion.fracture_energy_bulk:.4g}{per_length} in the bulk; process zone E G_c / "
-            f"(E s_0)^2 = {zone:.4g}{length}, internal length {discretization.units.length:.4g}{length}, cells "
-            f"{discretization.mesh.average_edge:.4g}{length}",
+            f"(E s_0)^2 = {zone:.4g}{length}, internal length {share.units.length:.4g}{length}, cells "
+            f"{share.typical_edge * share.units.length:.4g}{length}",
         )
 
 
-def _time(scene: Scene, discretization: Discretization, found: Understood) -> Iterator[tuple[str, str]]:
+def _time(scene: Scene, share: Share, found: Understood) -> Iterator[tuple[str, str]]:
     """Evaluations and seconds that are known beforehand; this rank's speed is measured."""
-    each, speed = evaluations(scene, discretization), found.seconds
+    each, speed = evaluations(scene, share), found.seconds
     one = f"an evaluation takes {speed:.2g} s here"
     if isinstance(scene.stepping, Ramp):
         count = scene.stepping.end_load_factor / scene.stepping.increment
@@ -187,21 +190,22 @@ def _time(scene: Scene, discretization: Discretization, found: Understood) -> It
         yield "time, about", f"{told}; what breaks decides the rest, tens of evaluations for each break; {one}"
 
 
-def evaluations(scene: Scene, discretization: Discretization) -> int:
+def evaluations(scene: Scene, share: Share) -> int:
     """Evaluations that one equilibrium takes, about."""
     if scene.solver.kind == "cg":
         return CG_EVALUATIONS[scene.kinematics]
-    sides = np.ptp(discretization.mesh.nodes, axis=0) / discretization.mesh.average_edge
+    sides = (share.upper - share.lower) / share.typical_edge
     return int(ADR_EVALUATIONS * sides.max())
 
 
-def _disk(scene: Scene, discretization: Discretization, model: Model) -> str:
+def _disk(scene: Scene, share: Share, model: Model) -> str:
     """Bytes of a frame of the fields and of a checkpoint."""
-    points, nodes = 8 * discretization.n_point_cells, discretization.n_nodes
+    points, nodes = 8 * share.counts.point_cells, share.counts.nodes
     frame = 0
     if scene.output.fields:
-        on_body = 12 * len(discretization.mesh.nodes) + 4 * len(discretization.mesh.cells)
-        frame = 12 * (points + nodes) + 4 * points * scene.output.damage + on_body * bool(points and scene.output.body)
+        on_body = 12 * share.counts.mesh_nodes + 4 * share.counts.cells
+        frame = 12 * (points + nodes) + 4 * points * scene.output.has_damage
+        frame += on_body if points and scene.output.body else 0
     vectors = 1 if scene.solver.kind == "cg" else 4
     checkpoint = 24 * vectors * (points + nodes)
     rows = scene.stepping.n_steps
@@ -219,29 +223,24 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
 
 
-def _box_of(discretization: Discretization, cells: np.ndarray, scene: Scene) -> str:
-    return _box(*_ends(discretization, cells, None), scene.units.length)
+def _counts(share: Share, *chosen: np.ndarray) -> list[int]:
+    """How many are chosen on all ranks. Collective."""
+    return sum_integers(share.comm, np.array([np.count_nonzero(mask) for mask in chosen])).tolist()
 
 
-def _ends(discretization: Discretization, cells: np.ndarray, nodes: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the box around cells and nodes, deck units."""
-    mesh = discretization.mesh
+def _box_of(share: Share, cells: np.ndarray, nodes: np.ndarray | None, scene: Scene) -> str:
+    """The box around cells and nodes of all ranks, in the deck's units. Collective."""
+    mesh = share.mesh
     chosen = np.zeros(len(mesh.nodes), bool) if nodes is None else nodes.copy()
     chosen[mesh.cells[cells]] = True
     places = mesh.nodes[chosen]
-    return (places.min(axis=0), places.max(axis=0)) if len(places) else (np.zeros(3), np.zeros(3))
+    beyond = np.full(3, -np.inf)
+    ends = [(-places).max(axis=0), places.max(axis=0)] if len(places) else [beyond, beyond]
+    low, high = largest(share.comm, np.concatenate(ends)).reshape(2, 3)
+    return _box(-low, high, scene.units.length) if np.isfinite(low).all() else "nowhere"
 
 
 def _box(low: np.ndarray, high: np.ndarray, unit: str) -> str:
     ends = (f"{axis} {a:.6g} to {b:.6g}" if a < b else f"{axis} {a:.6g}"
             for axis, a, b in zip("xyz", low + 0.0, high + 0.0, strict=True))  # fmt: skip
     return ", ".join(ends) + (f" {unit}" if unit else "")
-
-
-def describe_ranks(owner: np.ndarray, discretization: Discretization, ranks: int) -> str:
-    """How evenly cells are shared among ranks."""
-    cells = np.bincount(owner, minlength=ranks)
-    points = 8 * np.bincount(owner[discretization.has_points], minlength=ranks)
-    words = f"{ranks:,}: {cells.min():,} to {cells.max():,} cells"
-    return words + (f", {points.min():,} to {points.max():,} points on each" if points.any() else " on each")
-

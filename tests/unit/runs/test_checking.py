@@ -101,7 +101,7 @@ def test_what_was_understood_is_told():
     assert rows["cracks.0"].endswith("bonds; x 5, y -1 to 1.01, z -1 to 3")
     assert rows["free motions"] == "none: supports hold the body"
     assert "critical stretch 0.01, strength E s_0 = 10" in rows["failure"]
-    assert rows["ranks"].startswith("4: ")
+    assert rows["cells and points of a rank, about"] == "8 and 40 on each of 4"
     assert rows["time, about"].startswith("20 evaluations for the first equilibrium")
     # sum of nodes and points by hand: 12 + 4 bytes of a point, 12 of a node; every node and cell of the body
     points, nodes = 8 * (16 + 4), 5 * 9

@@ -142,7 +142,7 @@ def test_frames_of_an_older_version_are_set_aside(tmp_path):
     cursors = {"points.vtkhdf": {"frames": 0, "sha256": digest, "deck": None}, "history.csv": {"rows": 4}}
     notes = []
     place = Place(scene, None, written, "", cursors, False, notes.append, notes.append)
-    output = FramesOutput("points.vtkhdf", lambda place, path: vtkhdf.create_points(path, np.zeros((3, 3))), None)
+    output = FramesOutput("points.vtkhdf", lambda place, path: vtkhdf.create_points(path, np.zeros((3, 3))), None, ())
     output.open(place)
     assert output.row == 4 and (tmp_path / "points.vtkhdf.before").exists()
     assert notes == [

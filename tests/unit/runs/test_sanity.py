@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.table import Units
@@ -17,7 +16,7 @@ from pdfem_mpi.runs.sanity import (
     supports_that_may_break_loose,
 )
 from pdfem_mpi.runs.simulation import Simulation
-from support.bodies import YOUNGS_MODULUS, make_scene
+from support.bodies import YOUNGS_MODULUS, local_share, make_scene
 from support.failing import strip
 
 STEEL = {("N", "mm"): 2.1e5, ("N", "m"): 2.1e11, ("lbf", "in"): 3.0e7}
@@ -54,10 +53,10 @@ def test_limits(stretch, words):
 
 def test_supports_on_bonds_that_may_break():
     sound = strip()
-    assert not list(supports_that_may_break_loose(sound, discretize(sound)))
+    assert not list(supports_that_may_break_loose(sound, local_share(sound)))
     regions = tuple(region.model_copy(update={"may_fail": None}) for region in sound.regions)
     loose = sound.model_copy(update={"regions": regions})
-    (text,) = supports_that_may_break_loose(loose, discretize(loose))
+    (text,) = supports_that_may_break_loose(loose, local_share(loose))
     assert text.startswith("note: supports.0, supports.1 act on cells whose bonds may break")
 
 
@@ -74,7 +73,7 @@ def test_strains_in_linear_kinematics(elements):
         body = make_scene((6, 1, 1), elements, supports=supports, loads=(), solver="cg", correction="none")
         simulation = Simulation(body)
         simulation.solve(1.0)
-        edge = simulation.discretization.quality.shortest_edge / simulation.discretization.units.length
+        edge = simulation.share.quality.shortest_edge / simulation.share.units.length
         found = list(describe_small_strains(body, simulation.forces, edge))
         assert bool(found) == told, (elements, amount)
 
