@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pdfem_mpi.body.counts import too_many_ranks
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.exact_sums import MOST_RANKS
@@ -92,11 +93,6 @@ def _neighbours(discretization: Discretization, block: int = 0, n_blocks: int = 
             counts[part] = tree.query_ball_point(chosen[part], discretization.cutoff, return_length=True)
             report_progress()
     return counts
-
-
-def too_many_ranks(n_parts: int, n_cells: int) -> str:
-    """A sentence about more ranks than cells."""
-    return f"{n_parts} ranks cannot share {n_cells} cells. Use at most {n_cells} ranks, or a finer mesh."
 
 
 def partition(discretization: Discretization, n_parts: int, neighbours: np.ndarray | None = None) -> np.ndarray:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pdfem_mpi.body.counts import too_many_ranks
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.body.subdomain import too_many_ranks
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.parallel.comm import largest, sum_integers
