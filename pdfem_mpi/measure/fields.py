@@ -12,7 +12,7 @@ from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.slabs import gather_rows, gather_slabs
-from pdfem_mpi.peridynamics.damage import Remaining, local_damage
+from pdfem_mpi.peridynamics.damage import Remaining, local_damage, softened_and_gone
 from pdfem_mpi.peridynamics.failure import Failure
 
 
@@ -56,7 +56,11 @@ def gather_fields(discretization: Discretization, forces: Forces, u: np.ndarray)
 
 
 def gather_damage(
-    discretization: Discretization, model: Model, remaining: Remaining | None = None, failure: Failure | None = None
+    discretization: Discretization,
+    model: Model,
+    remaining: Remaining | None = None,
+    failure: Failure | None = None,
+    parts: bool = False,
 ) -> np.ndarray | None:
     """Local damage (eq. 5) of all points in global order; None except on rank 0, or if not asked for. Collective.
 
@@ -66,10 +70,12 @@ def gather_damage(
         Of the calls before: without it all bonds are swept.
     failure : Failure, optional
         Whose books tell ``remaining`` which bonds broke since; without it none did.
+    parts : bool
+        Where bonds soften, also the shares of those that have softened, and that are gone.
 
     Returns
     -------
-    float64, shape (n_points,), dimension 1
+    float64, shape (n_points,) or, with parts, (n_points, 3), dimension 1
     """
     if model.intact_weights is None:
         return None
@@ -79,8 +85,13 @@ def gather_damage(
     if remaining is not None:
         now = remaining.without(*body, failure.take_pairs() if failure else np.empty((0, 2), np.int64))
     rows = local_damage(*body, model.intact_weights, now)
+    parts = parts and model.bonds.softened is not None
+    if parts:
+        rows = np.concatenate([rows[:, :, None], softened_and_gone(*body, model.intact_weights, now)], axis=2)
     gathered = gather_rows(model.comm, cells, rows, discretization.n_point_cells)
-    return None if gathered is None else gathered.reshape(-1)
+    if gathered is None:
+        return None
+    return gathered.reshape(-1, 3) if parts else gathered.reshape(-1)
 
 
 def fields_sha256(fields: Fields) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from pdfem_mpi.kernels import bond_response, bond_sweeps, bond_tangent, point_table
 from pdfem_mpi.kernels.bond_failure import add_energies
+from pdfem_mpi.kernels.exact_sums import add_products
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.peridynamics.bonds import Bonds
@@ -73,11 +74,11 @@ class BondForces:
     def start(self, u: np.ndarray, bound: float) -> float:
         """Take the displacements of the free points, in cluster layout, and clear the forces; the quantum of these."""
         points, flat = self.points, self.S.reshape(-1)
-        quantum, self.pattern = pattern_for(self.force_bound(bound))
+        self.quantum, self.pattern = pattern_for(self.force_bound(bound))
         self.series = self.series if self.tangent else self.bonds.finite and bound <= bond_response.SERIES_LIMIT
         point_table.load_displacements(u, points.x, flat, 2 * points.n_free, self._has_z)
         point_table.reset_forces(self.SI.reshape(-1), self.excess, integer_bits(self.pattern))
-        return quantum
+        return self.quantum
 
     def complete_overlap(self) -> None:
         """Follow the displacements of the overlap's points, which have just been written."""
@@ -103,6 +104,8 @@ class BondForces:
             points = self.points
             point_table.complete_z(2 * points.n_owned, points.n_clusters, points.x, self.S.reshape(-1))
         self._sweep(self.bonds.boundary, failure, margin, met)
+        if self.bonds.softened:
+            self._add_softened(failure, margin, met)
 
     def start_reverse(self) -> None:
         """Send the forces on ghosts to their owners."""
@@ -111,6 +114,13 @@ class BondForces:
     def finish_reverse(self) -> None:
         """Wait for the forces that other ranks have for owned points."""
         self.points.halo.finish_reverse(self.SI.reshape(-1, 2, 9, W)[:, :, 6:9])
+
+    def _add_softened(self, failure: Failure | None, margin: float, met: np.ndarray) -> None:
+        """Add the forces of bonds that have softened, once those that go on in this sweep have done so."""
+        if failure:
+            failure.advance(self.points, self.S, margin)
+        add = self.bonds.softened.add_tangent if self.tangent else self.bonds.softened.add_forces
+        met[0] = max(met[0], add(self.S.reshape(-1), self.SI.reshape(-1), self.quantum))
 
     def read(self, quantum: float, external: np.ndarray, force: np.ndarray) -> None:
         """``force = external - internal`` of the free points, in cluster layout."""
@@ -131,6 +141,9 @@ class BondForces:
         """Add the strain energy at the displacements of the last evaluation to an exact sum."""
         for rows in self.bonds.rows:
             add_energies(*rows.arrays, self.S.reshape(-1), self.bonds.finite, digits)
+        if self.bonds.softened:
+            energies = self.bonds.softened.energies(self.S.reshape(-1))
+            add_products(energies, np.ones(len(energies)), digits)
 
     def displacements(self) -> np.ndarray:
         """Those of the owned points at the last evaluation, shape (n_owned * 8, 3), dimension length."""

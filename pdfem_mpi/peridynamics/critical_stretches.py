@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.body.materials import bond_stretches
+from pdfem_mpi.body.softening import BondLaw, first_stretches, laws_of_bonds
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
@@ -35,9 +35,33 @@ def _with_joints(discretization: Discretization) -> np.ndarray:
 
 
 def critical_stretches(scene: Scene, discretization: Discretization) -> np.ndarray:
-    """Critical stretch of the bonds between points of two classes, float64, shape (n_classes, n_classes)."""
+    """Critical stretch of the bonds between points of two classes, float64, shape (n_classes, n_classes).
+
+    Of bonds that soften it is the stretch at which they begin to.
+    """
     cutoff_ratio = discretization.cutoff / (1.0 + CUTOFF_GUARD)
-    of_materials = bond_stretches(scene, discretization.units.length, cutoff_ratio)
+    of_materials = first_stretches(scene, discretization.units.length, cutoff_ratio)
+    material, breaks = _by_class(scene, discretization)
+    critical = np.minimum(of_materials[material[:, None], material], UNBREAKABLE)
+    return np.where(breaks, critical, UNBREAKABLE)
+
+
+def bond_laws(scene: Scene, discretization: Discretization) -> tuple[list[BondLaw], np.ndarray]:
+    """Laws of a scene with bonds that soften, and which of them holds between points of two classes.
+
+    Returns
+    -------
+    laws : list of BondLaw
+    which : int64, shape (n_classes, n_classes)
+        Of bonds that do not break, any.
+    """
+    laws, which = laws_of_bonds(scene, discretization.units.length, discretization.cutoff / (1.0 + CUTOFF_GUARD))
+    material, breaks = _by_class(scene, discretization)
+    return laws, np.where(breaks, which[material[:, None], material], 0)
+
+
+def _by_class(scene: Scene, discretization: Discretization) -> tuple[np.ndarray, np.ndarray]:
+    """Material of each class, and whether bonds between two classes may break."""
     regions = [*scene.regions, *(scene.regions[k] for k in _with_joints(discretization))]
     if len(regions) > MOST_CLASSES:
         raise SceneError([
@@ -49,9 +73,7 @@ def critical_stretches(scene: Scene, discretization: Discretization) -> np.ndarr
     # All points of element regions follow nodes; a deck that says so lets bonds between them break.
     follows = np.array([k >= len(scene.regions) or r.model != "peridynamics" for k, r in enumerate(regions)])
     allowed = ~follows | np.array([lets_overlap_fail(region) for region in regions])
-    critical = np.minimum(of_materials[material[:, None], material], UNBREAKABLE)
-    breaks = may[:, None] & may & (~(follows[:, None] & follows) | (allowed[:, None] & allowed))
-    return np.where(breaks, critical, UNBREAKABLE)
+    return material, may[:, None] & may & (~(follows[:, None] & follows) | (allowed[:, None] & allowed))
 
 
 def lets_overlap_fail(region: Region) -> bool:

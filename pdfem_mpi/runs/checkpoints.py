@@ -44,8 +44,8 @@ class CheckpointContents(NamedTuple):
     ----------
     evaluations : int
         Of the run so far.
-    broken : int64, shape (n, 2)
-        Bonds broken on this rank.
+    broken : int64, shape (n, 2 or 3)
+        Bonds broken on this rank; with their teeth where bonds soften.
     books : dict or None
         The dissipated energy as an exact sum, and the extent of the last breaks.
     """

@@ -56,7 +56,7 @@ class FramesOutput(Output):
 
         arrays = {"displacement": self.pick(fields)}
         if damage is not None and self.has_damage:
-            arrays["damage"] = damage
+            arrays |= dict(zip(("damage", "softened", "gone"), damage.reshape(len(damage), -1).T, strict=False))
         vtkhdf.append_frame(self.path, columns["load_factor"], arrays, digest=self.digest)
 
 

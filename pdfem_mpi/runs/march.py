@@ -35,7 +35,7 @@ class Ending:
     reason : str or None
     fields : Fields or None
         The last ones, on rank 0, where something asks for them.
-    damage : float64, shape (n_points,), or None
+    damage : float64, shape (n_points,) or, where bonds soften, (n_points, 3), or None
     digest : str or None
         Of the fields, where nothing asks for them.
     did_nothing : bool
@@ -133,7 +133,8 @@ class March:
         if self.wanted:
             ended.fields = gather_fields(simulation.discretization, simulation.forces, simulation.state.u)
         columns = history_row(report, simulation.discretization.units, simulation.failure is not None)
-        ended.damage = gather_damage(simulation.discretization, simulation.model, self.remaining, simulation.failure)
+        body = simulation.discretization, simulation.model
+        ended.damage = gather_damage(*body, self.remaining, simulation.failure, parts=True)
         on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))
         self.reporter.row(columns)
         self.seconds_of_output += perf_counter() - began

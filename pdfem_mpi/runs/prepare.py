@@ -20,6 +20,7 @@ from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.peridynamics.fit.fit import EXPECTED_SWEEPS, SWEEP_RATE
 from pdfem_mpi.runs.compilation import compile_kernels
 from pdfem_mpi.runs.memory_estimate import Need, check_mesh, check_model, show_bytes
+from pdfem_mpi.runs.softening_notes import describe_softening, softening_of, softening_warnings
 
 
 def warm_up(comm, features: Collection[str] | None = None) -> None:
@@ -65,6 +66,7 @@ def prepare(scene: Scene, comm) -> tuple[Discretization, Need]:
     else:
         check_mesh(scene, math.prod(scene.mesh.n_cells), comm)
     discretization = discretize(scene, mesh)
+    softening_of(scene, discretization)  # refuses strengths and energies that do not go with the internal length
     return discretization, check_model(scene, discretization, comm)
 
 
@@ -77,6 +79,8 @@ def check_scene(scene: Scene, comm) -> dict[str, str]:
         Also when it would not fit into memory.
     """
     discretization, need = prepare(scene, comm)
+    softening = softening_of(scene, discretization)
+    warnings = [text.removeprefix("warning: ") for text in softening_warnings(scene, softening)]
     sizes, quality = count_sizes(discretization, None), discretization.quality
     bonds, total = sum_integers(comm, np.array([int(need.bonds), int(need.bytes)]))
     return {
@@ -90,6 +94,8 @@ def check_scene(scene: Scene, comm) -> dict[str, str]:
         "elements": f"{sizes['elements']}",
         "points": f"{sizes['points']}",
         "undirected bonds, about": f"{bonds:.3g}",
+        **dict(describe_softening(scene, softening)),
+        **({"of bonds that soften": "; ".join(warnings)} if warnings else {}),
         "memory, about": f"{show_bytes(total)} in all, of the largest rank "
         f"{show_bytes(float(largest(comm, np.array([need.bytes]))[0]))}",
     } | _fit_cost(scene, bonds, comm.size)

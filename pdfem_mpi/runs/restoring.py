@@ -15,6 +15,7 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import FIELDS, State
 from pdfem_mpi.parallel.comm import broadcast
 from pdfem_mpi.peridynamics.failure import Failure
+from pdfem_mpi.peridynamics.softening_failure import GONE
 from pdfem_mpi.runs.tables import BROKEN, Layout, make_layout, read_broken, read_fields
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.system.exit_codes import EXIT_NO_CHECKPOINT
@@ -34,8 +35,8 @@ def restore(start: RestartPoint, discretization: Discretization, model: Model, s
 
     Returns
     -------
-    int64, shape (n, 2)
-        Broken bonds with an end in a cell of this rank.
+    int64, shape (n, 2 or 3)
+        Broken bonds with an end in a cell of this rank, with their teeth where bonds soften.
 
     Raises
     ------
@@ -57,7 +58,7 @@ def restore(start: RestartPoint, discretization: Discretization, model: Model, s
         if fault:
             raise Refused(EXIT_NO_CHECKPOINT, f"{start.path}: {fault}. Start again with --overwrite.")
         read_fields(model, layout, state, reader)
-        return read_broken(model, reader)
+        return _as_wanted(read_broken(model, reader), layout.columns)
 
 
 def _shape_fault(layout: Layout, state: State, reader: Reader) -> str | None:
@@ -66,6 +67,13 @@ def _shape_fault(layout: Layout, state: State, reader: Reader) -> str | None:
         if name != BROKEN and reader.shape(name) != (rows, width):
             return f"its table {name} has shape {reader.shape(name)}, and the scene needs {(rows, width)}"
     return None
+
+
+def _as_wanted(broken: np.ndarray, columns: int) -> np.ndarray:
+    """Broken bonds as the scene books them: those of a brittle run are gone where bonds soften now."""
+    if broken.shape[1] < columns:
+        return np.column_stack([broken, np.full(len(broken), GONE)])
+    return broken[:, :columns]
 
 
 def _fill(bounds: Bounds, saved: dict[str, Any]) -> None:

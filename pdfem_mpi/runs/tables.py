@@ -34,6 +34,8 @@ class Layout:
         Cells with free points, and nodes with unknowns, of the whole body.
     n_points : int
         Points of the whole body, the overlap's included: the lower ids of bonds are below it.
+    columns : int
+        Of the table of broken bonds: two ids, and a tooth where bonds soften.
     cells, nodes : int64
         Global numbers of this rank's, in the order of its unknowns.
     """
@@ -43,6 +45,7 @@ class Layout:
     n_points: int
     cells: np.ndarray
     nodes: np.ndarray
+    columns: int
 
     def tables(self, n_broken: int, wide: bool, fields: Iterable[str]) -> dict[str, tuple[int, int, np.dtype]]:
         """Names, rows, columns and types of all tables of a file; ``wide``: ids of broken bonds need 64 bits."""
@@ -50,7 +53,7 @@ class Layout:
         names = tuple(fields)
         tables = {f"points/{name}": (8 * self.n_cells, 3, double) for name in names}
         tables |= {f"nodes/{name}": (self.n_nodes, 3, double) for name in names}
-        return tables | {BROKEN: (n_broken, 2, np.dtype("<u8" if wide else "<u4"))}
+        return tables | {BROKEN: (n_broken, self.columns, np.dtype("<u8" if wide else "<u4"))}
 
 
 def make_layout(discretization: Discretization, model: Model) -> Layout:
@@ -63,6 +66,7 @@ def make_layout(discretization: Discretization, model: Model) -> Layout:
         n_points=8 * discretization.n_point_cells,
         cells=number[model.subdomain.free] if model.points else np.empty(0, np.int64),
         nodes=model.nodes.number[: model.nodes.n_owned] if model.nodes else np.empty(0, np.int64),
+        columns=3 if model.bonds and model.bonds.softened else 2,
     )
 
 
@@ -79,8 +83,8 @@ def write_tables(
     ----------
     fields : dict of float64 arrays, shape (n_unknowns,)
         Those of the state.
-    broken : int64, shape (n, 2)
-        Global ids ``i < j`` of the broken bonds that this rank computes, each bond on one rank.
+    broken : int64, shape (n, layout.columns)
+        Global ids ``i < j`` of the broken bonds that this rank computes, each bond on one rank; their teeth.
     writer : Writer or None
         Rank 0's, which keeps its errors to itself.
     """
@@ -133,7 +137,7 @@ def read_fields(model: Model, layout: Layout, state: State, reader: Reader | Non
 
 
 def read_broken(model: Model, reader: Reader | None) -> np.ndarray:
-    """Broken bonds with an end in a cell of this rank, int64, shape (n, 2); one may be on two ranks. Collective.
+    """Broken bonds with an end in a cell of this rank, int64, shape (n, columns); one may be on two ranks. Collective.
 
     Raises
     ------
@@ -141,9 +145,9 @@ def read_broken(model: Model, reader: Reader | None) -> np.ndarray:
         On all ranks.
     """
     comm = model.comm
-    total = broadcast(comm, reader.rows(BROKEN) if reader else 0)
+    total, columns = broadcast(comm, reader.shape(BROKEN) if reader else (0, 0))
     if not total or not model.points:
-        return np.empty((0, 2), np.int64)
+        return np.empty((0, columns), np.int64)
     owned = np.sort(model.points.cell_number[: model.points.n_owned])
 
     def ours(ids):
@@ -151,7 +155,7 @@ def read_broken(model: Model, reader: Reader | None) -> np.ndarray:
 
     found = []
     for first in range(0, total, PAIRS):
-        pairs, message = np.empty((min(PAIRS, total - first), 2), np.int64), None
+        pairs, message = np.empty((min(PAIRS, total - first), columns), np.int64), None
         if reader:
             try:
                 pairs[:] = reader.read_rows(BROKEN, first, first + len(pairs))

@@ -109,5 +109,5 @@ def _load_to_break(avalanche: Avalanche) -> bool:
         return False
     if ledger.carries_little():
         return False
-    program["peak"] = max(program["peak"], program["reaction"])
+    ledger.remember_peak()
     return True

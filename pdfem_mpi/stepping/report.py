@@ -50,6 +50,8 @@ class Report:
         Of elements in finite kinematics.
     seconds : float
         Since the row before.
+    softened : int or None
+        Bonds that have softened and are not gone; None where none can.
     """
 
     step: int
@@ -70,6 +72,7 @@ class Report:
     extent: np.ndarray | None
     elements: Deformation | None
     seconds: float
+    softened: int | None = None
 
     @property
     def ledger_error(self) -> float | None:
@@ -149,6 +152,7 @@ class Reporter:
             extent=failure.extent if failure else None,
             elements=elements,
             seconds=now - state.began,
+            softened=getattr(failure, "soft", None),
         )
         state.program["told_broken"], state.began = broken, now
         return row
