@@ -9,7 +9,7 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.share import Subdomain
-from pdfem_mpi.kernels.finite_elements import (
+from pdfem_mpi.kernels.element_tables import (
     element_masses,
     element_stiffness,
     force_bound,

@@ -14,7 +14,7 @@ from pdfem_mpi.body.share import Subdomain, cut_out, partition
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.finite_elements.elements import Elements, make_elements
 from pdfem_mpi.finite_elements.nodes import Nodes, local_nodes, make_nodes
-from pdfem_mpi.finite_elements.overlap import Overlap
+from pdfem_mpi.finite_elements.overlap_cells import Overlap
 from pdfem_mpi.mesh.mirrors import Mirrors
 from pdfem_mpi.model.masses import make_masses
 from pdfem_mpi.model.unknowns import Unknowns

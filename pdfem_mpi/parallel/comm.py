@@ -78,22 +78,22 @@ def check_launcher(comm: Intracomm) -> str | None:
     return None
 
 
-_heard: list[Callable[[], None]] = []
+_observers: list[Callable[[], None]] = []
 
 
 @contextmanager
-def hearing(beat: Callable[[], None]) -> Iterator[None]:
-    """Call ``beat`` whenever this rank heard from the others: a sum, a word or a slab of rows came through."""
-    _heard.append(beat)
+def observing_progress(beat: Callable[[], None]) -> Iterator[None]:
+    """Call ``beat`` whenever something comes through from the other ranks: a sum, an object or a slab of rows."""
+    _observers.append(beat)
     try:
         yield
     finally:
-        _heard.remove(beat)
+        _observers.remove(beat)
 
 
 def report_progress() -> None:
-    """Tell those who hear that this rank heard from the others."""
-    for beat in _heard:
+    """Call the observers: something came through from the other ranks."""
+    for beat in _observers:
         beat()
 
 

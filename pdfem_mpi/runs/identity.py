@@ -18,7 +18,7 @@ KINEMATICS = "peridynamics.kinematics"
 #: go on, and the log says so.
 ELEMENTS, ELEMENTS_BESIDE_BONDS = "elements, their kinematics", "elements beside bonds, their kinematics"
 #: Keys that may change from a checkpoint on; the log says so, since results are then not those of one deck.
-TOLD = (
+MAY_CHANGE = (
     "solver.tolerance", "solver.max_evaluations", "stepping.end_load_factor", "stepping.end_reaction",
     "stepping.report_every", ELEMENTS_BESIDE_BONDS,
 )  # fmt: skip
@@ -50,7 +50,7 @@ def identity(scene: Scene, discretization: Discretization) -> dict[str, Any]:
 
 def sha256(keys: Mapping[str, Any]) -> str:
     """Digest of the keys that define the scene: equal for runs that may continue each other."""
-    defining = {key: value for key, value in keys.items() if not _is(key, FREE + TOLD + (LOAD_FACTORS,))}
+    defining = {key: value for key, value in keys.items() if not _is(key, FREE + MAY_CHANGE + (LOAD_FACTORS,))}
     return hashlib.sha256(json.dumps(defining, sort_keys=True).encode()).hexdigest()
 
 
@@ -68,10 +68,10 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any], steps_done: int
     -------
     refused : list of str
         What makes it another run: key and both values.
-    told : list of str
+    allowed : list of str
         Changes that may be made.
     """
-    refused, told = [], []
+    refused, allowed = [], []
     for key in dict.fromkeys((*then, *now)):
         a, b = then.get(key), now.get(key)
         if a == b or _is(key, FREE):
@@ -79,11 +79,11 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any], steps_done: int
         values = "differs" if key == MESH else f"was {_show(then, key)}, the deck has {_show(now, key)}"
         if _held_now(key, a, b):
             values += f", {HELD_NOW.format(key=key)}"
-        if _is(key, TOLD) or (key == LOAD_FACTORS and a and b and a[:steps_done] == b[:steps_done]):
-            told.append(f"{key} {values}")
+        if _is(key, MAY_CHANGE) or (key == LOAD_FACTORS and a and b and a[:steps_done] == b[:steps_done]):
+            allowed.append(f"{key} {values}")
         else:
             refused.append(f"{key} {values}")
-    return refused, told
+    return refused, allowed
 
 
 def free_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

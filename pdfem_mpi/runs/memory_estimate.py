@@ -23,7 +23,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.parallel.comm import agree, largest, node_communicator, sum_integers
-from pdfem_mpi.system.limits import Limit, group_limit, own_limit
+from pdfem_mpi.system.process_limits import Limit, group_limit, own_limit
 
 #: Cells of a rank whose families are searched.
 SAMPLE = 128

@@ -81,7 +81,7 @@ class Watched:
         self._own = Count()
         self._own.bytes_of(forces, *held)
 
-    def hear(self, progress: Progress) -> None:
+    def observe(self, progress: Progress) -> None:
         """Count what a solver holds, once for each kind of solver."""
         kind = type(progress.work[0]) if progress.work else None
         if kind is not None and kind not in self.kinds:
@@ -101,12 +101,12 @@ def count_parts(
     forces: Forces,
     failure: Failure | None,
     solve: EquilibriumSolver,
-    keeper: CheckpointWriter,
+    checkpoints: CheckpointWriter,
     output: Any,
 ) -> dict[str, int]:
     """Bytes of this rank's arrays by part; ``output`` is whatever a run keeps for its result files."""
     preconditioner, count = solve.preconditioner, Count()
-    things = dict(_things(discretization, model, case, state, forces, failure, preconditioner, keeper, output))
+    things = dict(_things(discretization, model, case, state, forces, failure, preconditioner, checkpoints, output))
     counted = {name: count.bytes_of(*things.get(name, ())) for name in PARTS}
     if model.bonds:  # strengths and lengths alternate in one array
         counted["bond_lengths"] = int(counted["bond_strengths"] * model.bonds.share_of_lengths)
@@ -115,12 +115,12 @@ def count_parts(
 
 
 def _things(
-    discretization, model, case, state, forces, failure, preconditioner, keeper, output
+    discretization, model, case, state, forces, failure, preconditioner, checkpoints, output
 ) -> Iterator[tuple[str, tuple]]:
     points, bonds, nodes = model.points, model.bonds, model.nodes
     yield "mesh", (discretization.mesh,)
     yield "discretization", (discretization,)
-    yield "share_of_the_rank", (model.owner, model.subdomain, keeper.layout)
+    yield "share_of_the_rank", (model.owner, model.subdomain, checkpoints.layout)
     halos = [part.halo for part in (points, nodes) if part]
     if points:
         if points.images:
@@ -147,7 +147,7 @@ def _things(
         yield "intact_elements", (preconditioner.forces,)
         yield "coarse_grid", (preconditioner.grid,)
         yield "preconditioner_blocks", (preconditioner,)
-    yield "checkpoint_copy", (keeper.good,)
+    yield "checkpoint_copy", (checkpoints.good,)
     yield "output", (output,)
 
 

@@ -55,7 +55,7 @@ def describe_body(simulation: Simulation) -> list[str]:
     return lines
 
 
-def find_out(simulation: Simulation, is_resumed: bool) -> Findings:
+def examine(simulation: Simulation, is_resumed: bool) -> Findings:
     """Look at a simulation whose solver is prepared, before its first step. Collective."""
     scene, discretization, model = simulation.scene, simulation.discretization, simulation.model
     found = Findings()
@@ -64,11 +64,11 @@ def find_out(simulation: Simulation, is_resumed: bool) -> Findings:
     limits = criteria(scene, discretization, model)
     found.failure = failure_summary(scene, discretization, simulation.failure, limits)
     found.notes += describe_criterion(scene, discretization, simulation.failure, limits)
-    _look_at_stability(simulation, is_resumed, found)
+    _examine_stability(simulation, is_resumed, found)
     return found
 
 
-def look_at_bonds(simulation: Simulation, found: Findings) -> list[str]:
+def describe_bonds(simulation: Simulation, found: Findings) -> list[str]:
     """Lines about cracks, and interfaces that no bond crosses. Collective."""
     scene, discretization, model = simulation.scene, simulation.discretization, simulation.model
     lines = []
@@ -80,7 +80,7 @@ def look_at_bonds(simulation: Simulation, found: Findings) -> list[str]:
     return lines + list(interfaces_without_bonds(scene, discretization, found.bonds_by_material))
 
 
-def _look_at_stability(simulation: Simulation, is_resumed: bool, found: Findings) -> None:
+def _examine_stability(simulation: Simulation, is_resumed: bool, found: Findings) -> None:
     """Fitted factors of both signs may leave a body without a stable equilibrium. Collective."""
     fit, preconditioner = simulation.model.body_fit, simulation.solver.preconditioner
     free = simulation.scene.peridynamics.signs == "free"

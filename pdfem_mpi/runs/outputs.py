@@ -120,7 +120,7 @@ def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
 def draw_run(folder: Path, scene: Scene, warn: Callable[[str], None], film: bool = False) -> list[Path]:
     """Draw the figures of a run with failure from its result files, on this rank alone; the paths drawn.
 
-    ``warn`` hears of figures that could not be drawn.
+    ``warn`` is called with a sentence about each figure that could not be drawn.
     """
     from pdfem_mpi.results.failure_plots import draw_failure
 

@@ -22,7 +22,7 @@ from pdfem_mpi.system.exit_codes import EXIT_NO_CHECKPOINT
 
 if TYPE_CHECKING:
     from pdfem_mpi.results.checkpoint import Reader
-from pdfem_mpi.runs.start import Refused, RestartPoint
+from pdfem_mpi.runs.restart_point import Refused, RestartPoint
 
 
 def restore(start: RestartPoint, discretization: Discretization, model: Model, state: State) -> np.ndarray:

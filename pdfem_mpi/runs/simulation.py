@@ -21,20 +21,21 @@ from pdfem_mpi.model.model import build_model
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS
+from pdfem_mpi.runs.history_rows import history_row
 from pdfem_mpi.runs.memory_estimate import Need
 from pdfem_mpi.runs.memory_report import features_of
 from pdfem_mpi.runs.prepare import prepare, warm_up
-from pdfem_mpi.runs.rows import history_row
 from pdfem_mpi.solvers.convergence import Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
 from pdfem_mpi.stepping import Report, follow_load_program
 from pdfem_mpi.stepping.steps import follow_steps
 
+Note = Callable[[str], None]
 Watch = Callable[[int, Progress], None]
 
 
 def ignore(*words: Any) -> None:
-    """Hear and say nothing."""
+    """Do nothing with what is reported."""
 
 
 class Simulation:
@@ -91,9 +92,9 @@ class Simulation:
         self.solver: EquilibriumSolver | None = None
         self._evaluated = False
 
-    def prepare_solver(self, note: Callable[[str], None] = ignore, pauses: Any = NO_STOP_REQUESTS) -> EquilibriumSolver:
-        """Set up the scene's solver for the loads as they are; ``note`` hears what is worth telling."""
-        self.solver = make_solver(self.scene, self.discretization, self.forces, self.case, note, pauses)
+    def prepare_solver(self, note: Note = ignore, stop_requests: Any = NO_STOP_REQUESTS) -> EquilibriumSolver:
+        """Set up the scene's solver for the loads as they are; ``note`` is called with remarks for the user."""
+        self.solver = make_solver(self.scene, self.discretization, self.forces, self.case, note, stop_requests)
         return self.solver
 
     def follow(self, watch: Watch = ignore) -> Iterator[Report]:
@@ -106,7 +107,7 @@ class Simulation:
     def steps(self, watch: Watch = ignore) -> Iterator[dict[str, Any]]:
         """Follow the scene's load program, and yield a row at each of its equilibria: the columns of history.csv.
 
-        ``watch`` is told of the step and the progress of every iteration.
+        ``watch`` is called with the step and the progress of every iteration.
 
         Raises
         ------

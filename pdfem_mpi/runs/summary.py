@@ -34,7 +34,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         What only the run knows: deck_text, fields_sha256, counts, bonds_per_rank, evaluations, seconds,
         seconds_of_all_starts, memory.
     """
-    simulation, keeper, ended = march.simulation, march.keeper, march.ended
+    simulation, checkpoints, ended = march.simulation, march.checkpoints, march.ended
     model, discretization = simulation.model, simulation.discretization
     return {
         "schema_version": SCHEMA_VERSION,
@@ -56,12 +56,12 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         "bonds_per_rank": facts["bonds_per_rank"],
         **_last_row(march, facts["evaluations"]),
         "checkpoints": {
-            "written": keeper.written,
-            "failed": keeper.failed,
-            "seconds": keeper.seconds_in_all,
-            "bytes_of_last": keeper.size or None,
+            "written": checkpoints.written,
+            "failed": checkpoints.failed,
+            "seconds": checkpoints.seconds_in_all,
+            "bytes_of_last": checkpoints.size or None,
         },
-        "restarts": keeper.restarts,
+        "restarts": checkpoints.restarts,
         "seconds_of_all_starts": facts["seconds_of_all_starts"],
         "surface_correction": {
             "kind": scene.peridynamics.surface_correction if discretization.cutoff else None,

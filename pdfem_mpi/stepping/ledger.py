@@ -62,7 +62,7 @@ class Ledger:
         self.reporter = Reporter(self.forces, case, failure)
         self.residual = np.empty_like(state.u)
         self.counted = self._evaluations()
-        self.loose: frozenset[str] = frozenset()
+        self.unsupported: frozenset[str] = frozenset()
         if "stable" in state.program:  # a checkpoint may be older than some of the numbers
             state.program |= dict.fromkeys(NUMBERS, 0.0) | state.program
         if state.program.get("fragments"):
@@ -132,13 +132,13 @@ class Ledger:
 
     def take_loads_off(self) -> bool:
         """Parts that hang together with nothing that could balance their loads carry none; whether loads changed."""
-        before, known = self.case.external, self.loose
+        before, known = self.case.external, self.unsupported
         self.find_loads()
         changed = np.count_nonzero(self.case.external != before)
         if not sum_integers(self.model.comm, np.array([changed]))[0]:
             return False
         self.state.program["adrift"] = 0.0
-        new = sorted(self.loose - known)
+        new = sorted(self.unsupported - known)
         for text in new[:NAMED]:
             self.solve.note(f"after {self.failure.count:,} broken bonds loads are off what came loose: {text}")
         if len(new) > NAMED:
@@ -148,7 +148,7 @@ class Ledger:
     def find_loads(self) -> None:
         """The loads that are left: a function of the bonds that are, so that a run taken up again finds the same."""
         self.case, parts = without_loads_on_loose_parts(self.model, self.whole)
-        self.reporter.case, self.loose = self.case, frozenset(part.text for part in parts)
+        self.reporter.case, self.unsupported = self.case, frozenset(part.text for part in parts)
 
     def prescribe(self) -> None:
         """Set the prescribed displacements of the state's load."""

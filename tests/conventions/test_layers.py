@@ -53,7 +53,7 @@ LATE_IMPORTS = {
     ("command.cli", "pdfem_mpi"),
     ("command.doctor", "pdfem_mpi.parallel"),
     ("command.world", "pdfem_mpi.parallel"),
-    ("runs.start", "pdfem_mpi.results"),
+    ("runs.restart_point", "pdfem_mpi.results"),
     ("runs.checkpoints", "pdfem_mpi.results"),
     ("runs.restoring", "pdfem_mpi.results"),
     ("runs.outputs", "pdfem_mpi.results"),
@@ -123,6 +123,17 @@ def test_modules_are_in_folders():
     """Nothing stands beside the package's two own files, and every folder has a floor."""
     loose = [name for name in MODULES if name and name != "__main__" and floor(name) is None]
     assert not loose, f"in no folder of FLOORS: {loose}"
+
+
+def test_a_name_stands_for_one_module():
+    """A table of the deck may share its name with the module that makes the thing, and no others."""
+    homes = {}
+    for module in MODULES:
+        folder, _, own = module.rpartition(".")
+        if own and folder.rpartition(".")[2] != own:  # a folder's main module may be called like it
+            homes.setdefault(own, []).append(module)
+    twice = [names for names in homes.values() if len(names) > 1 + any(begins(name, "deck") for name in names)]
+    assert not twice, twice
 
 
 @pytest.mark.parametrize("module", MODULES)

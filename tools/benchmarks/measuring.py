@@ -20,7 +20,7 @@ from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import parse_deck
-from pdfem_mpi.kernels import bond_response, bond_sweeps, finite_elements
+from pdfem_mpi.kernels import bond_response, bond_sweeps, linear_elements
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products, carry
 from pdfem_mpi.kernels.relaxation import add_damping_sums, advance
 from pdfem_mpi.kernels.rounding import pattern_for
@@ -303,11 +303,11 @@ def _measure_elements(case: dict, comm, seconds: float) -> tuple[dict, dict]:
         def kernel(elements=model.elements, nodal=nodal, quantum=quantum, met=met):
             for part in elements.shared:
                 numbers = part.connectivity, part.stiffness, part.scale
-                finite_elements.add_shared_forces(*nodal, *numbers, quantum, met)
+                linear_elements.add_shared_forces(*nodal, *numbers, quantum, met)
             if elements.general:
                 part = elements.general
                 numbers = part.connectivity, part.tables, part.lam, part.mu
-                finite_elements.add_general_forces(*nodal, *numbers, quantum, met)
+                linear_elements.add_general_forces(*nodal, *numbers, quantum, met)
 
         def evaluate(forces=forces, u=u, nothing=nothing, force=force):
             forces.evaluate(u, nothing, force)

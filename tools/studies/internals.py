@@ -39,7 +39,7 @@ from pdfem_mpi.peridynamics.fit.areas import find_boundary
 from pdfem_mpi.peridynamics.fit.operator import Operator
 from pdfem_mpi.peridynamics.making_bonds import make_bonds
 from pdfem_mpi.results.plots import STYLE
-from pdfem_mpi.results.study import CURVES
+from pdfem_mpi.results.study_files import CURVES
 from pdfem_mpi.stepping import follow_load_program, ledger, make_solver
 from pdfem_mpi.stepping.steps import break_bonds
 from pdfem_mpi.system.launcher import mpirun_command, prepare_environment

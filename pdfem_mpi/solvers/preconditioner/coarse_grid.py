@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.kernels.finite_elements import lame_moduli
+from pdfem_mpi.kernels.element_tables import lame_moduli
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.multigrid import interpolate, restrict
 from pdfem_mpi.mesh.background_grid import CORNERS, add_moments, cell_nodes, moment_table

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.kernels.finite_elements import element_stiffness
+from pdfem_mpi.kernels.element_tables import element_stiffness
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_positions
 from pdfem_mpi.peridynamics.clusters import cluster_layout, point_rows
 from support import total_lagrangian

@@ -13,8 +13,8 @@ from pdfem_mpi.runs.identity import (
     ELEMENTS_BESIDE_BONDS,
     FREE,
     LOAD_FACTORS,
+    MAY_CHANGE,
     MESH,
-    TOLD,
     differences,
     identity,
     sha256,
@@ -30,7 +30,7 @@ def keys_of(**tables):
 SUPPORT = Support(face="x-", x=0.0)
 CRACK = Crack(polygon=((3.0, 0.0, 0.0), (3.0, 1.0, 0.0), (3.0, 1.0, 2.0)))
 KEYS = keys_of(supports=(SUPPORT,), cracks=(CRACK,), stepping=Steps(load_factors=(0.5, 1.0)))
-DEFINING = [key for key in KEYS if key != LOAD_FACTORS and not key.startswith(FREE + TOLD)]
+DEFINING = [key for key in KEYS if key != LOAD_FACTORS and not key.startswith(FREE + MAY_CHANGE)]
 
 
 def another(value):
@@ -47,8 +47,8 @@ def test_the_same_scene_has_the_same_keys():
 def test_each_defining_key_makes_another_run(key):
     """Changed, and absent on either side; the sentence names the key and both values."""
     changed = KEYS | {key: another(KEYS[key])}
-    refused, told = differences(KEYS, changed, 1)
-    assert (len(refused), told) == (1, []) and refused[0].startswith(key)
+    refused, allowed = differences(KEYS, changed, 1)
+    assert (len(refused), allowed) == (1, []) and refused[0].startswith(key)
     assert sha256(changed) != sha256(KEYS)
     absent = {name: value for name, value in KEYS.items() if name != key}
     if KEYS[key] is not None:
@@ -61,7 +61,7 @@ def test_keys_are_told_with_both_values():
 
 
 def test_elements_in_finite_kinematics_are_a_key_of_their_own():
-    """Beside bonds they were linear once: such a run may go on, and is told. Alone they are another run."""
+    """Beside bonds they were linear once: such a run may go on, and is allowed. Alone they are another run."""
     finite = keys_of(kinematics="finite")
     before = {key: value for key, value in finite.items() if key != ELEMENTS_BESIDE_BONDS}
     assert differences(before, finite, 1) == ([], [f'{ELEMENTS_BESIDE_BONDS} was nothing, the deck has "finite"'])
@@ -99,11 +99,11 @@ def test_output_may_change(tables):
     assert differences(keys_of(), keys_of(**tables), 0) == ([], [])
 
 
-@pytest.mark.parametrize("key", TOLD)
+@pytest.mark.parametrize("key", MAY_CHANGE)
 def test_tolerance_and_effort_may_change_and_are_told(key):
     changed = keys_of() | {key: Solver().max_evaluations + 1}
-    refused, told = differences(keys_of(), changed, 0)
-    assert refused == [] and told[0].startswith(key)
+    refused, allowed = differences(keys_of(), changed, 0)
+    assert refused == [] and allowed[0].startswith(key)
     assert sha256(changed) == sha256(keys_of())
 
 
@@ -113,8 +113,8 @@ def test_tolerance_and_effort_may_change_and_are_told(key):
 )
 def test_load_factors_already_reached_must_stay(factors, allowed):
     """One of two steps is done."""
-    refused, told = differences(KEYS, KEYS | {LOAD_FACTORS: list(factors)}, 1)
-    assert (bool(told), bool(refused)) == (allowed, not allowed)
+    refused, changes = differences(KEYS, KEYS | {LOAD_FACTORS: list(factors)}, 1)
+    assert (bool(changes), bool(refused)) == (allowed, not allowed)
 
 
 def test_a_renumbered_mesh_is_another_mesh():

@@ -5,6 +5,7 @@ import pytest
 
 from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.deck.peridynamics import Crack
+from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
@@ -156,3 +157,26 @@ def test_relaxation_goes_on_after_a_breakdown():
     convergence = solve(body.state, body.case.external, lambda progress: None)
     assert convergence.residual <= 1e-4
     assert "conjugate gradients broke down" in notes[0]
+
+
+def test_steps_are_counted_whatever_sums_do_not_fit(monkeypatch):
+    """Last digits decide whether an evaluation fits its bounds and counts; how far a state is relaxed does not."""
+    body = build(make_scene((6, 3, 2), 2, solver="cg", **HELD))
+    solve = make_solver(body.scene, body.discretization, body.forces, body.case, lambda text: None)
+
+    def improved():
+        residual, step = body.case.external.copy(), np.zeros_like(body.state.u)
+        before = body.forces.evaluations
+        cg.improve(body.forces, residual, body.case.fixed, 0.0, 5, solve.preconditioner, step)
+        return step, body.forces.evaluations - before
+
+    generous, sweeps = improved()
+    guess = Forces.guess_bounds
+
+    def tight(forces, u):
+        guess(forces, 1e-3 * u)
+
+    monkeypatch.setattr(Forces, "guess_bounds", tight)
+    repeated, more = improved()
+    assert more > sweeps == 5
+    assert np.abs(repeated - generous).max() <= 1e-9 * np.abs(generous).max()

@@ -15,8 +15,8 @@ from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.layers import cells_near_face
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs import memory_estimate as memory
-from pdfem_mpi.system import limits
-from pdfem_mpi.system.limits import Limit, group_limit, own_limit, shared_memory_problem
+from pdfem_mpi.system import process_limits
+from pdfem_mpi.system.process_limits import Limit, group_limit, own_limit, shared_memory_problem
 from support.helpers import outside_launcher, run_pdfem, run_python
 from support.restarts import alone, often
 from support.tiny import TINY
@@ -237,7 +237,7 @@ def test_a_container_whose_group_is_the_root_is_seen(tmp_path):
 def test_limits_of_a_process_are_what_is_left_of_them():
     """In a child: a limit of 3 GiB, of which its own pages are taken."""
     code = (
-        "import resource; from pdfem_mpi.system.limits import own_limit; assert own_limit() is None;"
+        "import resource; from pdfem_mpi.system.process_limits import own_limit; assert own_limit() is None;"
         "resource.setrlimit(resource.RLIMIT_AS, (3 * 2**30, -1)); found = own_limit();"
         "assert 2.5 * 2**30 < found.bytes < 3 * 2**30 and 'ulimit -v' in found.what"
     )
@@ -278,7 +278,7 @@ class Room:
 )  # fmt: skip
 def test_shared_memory_for_so_many_ranks(monkeypatch, ranks, size, free, started, enough):
     """Sizes at which MPICH ended in a bus error or a segmentation fault are refused, those of containers are not."""
-    monkeypatch.setattr(limits.os, "statvfs", lambda folder: Room(size, free))
+    monkeypatch.setattr(process_limits.os, "statvfs", lambda folder: Room(size, free))
     problem = shared_memory_problem(ranks, started)
     assert (problem is None) == enough
     assert enough or ("MiB there. Make it larger (docker run --shm-size=1g" in problem)
