@@ -119,6 +119,7 @@ class BondForces:
         """Add the forces of bonds that have softened, once those that go on in this sweep have done so."""
         if failure:
             failure.advance(self.points, self.S, margin)
+        self.swept.add("tangent, softened" if self.tangent else "softened")
         add = self.bonds.softened.add_tangent if self.tangent else self.bonds.softened.add_forces
         met[0] = max(met[0], add(self.S.reshape(-1), self.SI.reshape(-1), self.quantum))
 

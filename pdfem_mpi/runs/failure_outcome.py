@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import ModelUnits
+from pdfem_mpi.body.discretization import Discretization, ModelUnits
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.peridynamics.failure import Failure
 
@@ -122,3 +123,22 @@ def failure_rows(outcome: dict[str, Any] | None, scene: Scene) -> list[tuple[str
     if crack["area"]:
         rows.append(("crack area, energy over G_c", f"{crack['area']:.4g}{f'{length}^2' if length else ''}"))
     return rows
+
+
+def crack_in_a_mirror(scene: Scene, discretization: Discretization, failure: Failure | None) -> Iterator[str]:
+    """A warning where bonds softened along a mirror plane: both sides of the crack are then one."""
+    if failure is None or not scene.softens or not failure.count:
+        return
+    low, high = failure.extent
+    sizes = high - low
+    ends = discretization.nodes.min(axis=0), discretization.nodes.max(axis=0)
+    for face in scene.mesh.symmetry:
+        axis, upper = "xyz".index(face[0]), face[1] == "+"
+        if f"{face[0]}{'-' if upper else '+'}" in scene.mesh.symmetry:
+            continue
+        depth = ends[1][axis] - low[axis] if upper else high[axis] - ends[0][axis]
+        if depth <= discretization.cutoff and sizes.max() > discretization.cutoff:
+            yield (
+                f"warning: the crack runs in the mirror plane {face}, where bonds soften on both sides alike: it takes "
+                "up to 1.5 times its energy, and the peak is too high. Model both sides of the plane."
+            )

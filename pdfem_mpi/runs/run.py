@@ -23,6 +23,7 @@ from pdfem_mpi.results.summary_file import sealed, write_summary
 from pdfem_mpi.runs.checkpoints import CheckpointWriter, take_over
 from pdfem_mpi.runs.claimed_folder import ClaimedFolder
 from pdfem_mpi.runs.compilation import not_compiled
+from pdfem_mpi.runs.failure_outcome import crack_in_a_mirror
 from pdfem_mpi.runs.history_rows import columns_of
 from pdfem_mpi.runs.identity import identity
 from pdfem_mpi.runs.march import March
@@ -251,6 +252,7 @@ class _Run:
         with phase(seconds, "output"):
             if ended.code != EXIT_STOPPED:  # who stops a run is in a hurry
                 on_root(comm, lambda: self.outputs.close())
+        self._tell(crack_in_a_mirror(self.scene, simulation.discretization, simulation.failure))
         seconds["total"] = perf_counter() - self.started
         summary = None
         if comm.rank == 0:

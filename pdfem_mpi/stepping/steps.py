@@ -38,7 +38,7 @@ def follow_steps(
     reporter = Reporter(forces, case, failure)
     for step, factor in enumerate(settings.load_factors[state.step :], start=state.step + 1):
         stop_requests.between(state)
-        external = factor * case.external
+        external, skipped = factor * case.external, getattr(failure, "skipped", 0)
         state.u[case.fixed] = factor * case.prescribed[case.fixed]
         while True:
             try:
@@ -51,6 +51,11 @@ def follow_steps(
             if case.load and without_equilibrium(forces.model, case.fixed, external)[1]:
                 raise _in_pieces(forces.model, case, failure, factor, "")
             stop_requests.between(state)
+        if count := getattr(failure, "skipped", 0) - skipped:
+            solve.note(
+                f"at load factor {factor:.6g}, {count:,} bonds passed several teeth of their softening at once. Use "
+                'smaller steps, or follow failure from tooth to tooth: stepping.kind = "events".'
+            )
         remove_rigid_motion(forces.model, case, state.u)
         state.step, state.load_factor = step, factor
         evaluations, program["evaluations"] = program["evaluations"], 0

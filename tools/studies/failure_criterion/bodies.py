@@ -224,7 +224,8 @@ class Ruled(Failure):
             left[gone] = False
             wanted = np.ascontiguousarray(ends[gone])
             pairs, strengths = np.empty_like(wanted), np.empty(wanted.shape, np.float32)
-            n = kernels.break_listed(wanted, *rows.arrays, False, pairs, strengths)
+            found = np.empty(len(wanted), np.int64)
+            n = kernels.break_listed(wanted, *rows.arrays, False, pairs, strengths, found)
             pairs, strengths, energies = pairs[:n].copy(), strengths[:n].copy(), np.empty(n)
             kernels.broken_energies(pairs, strengths, n, S.reshape(-1), False, energies)
             add_products(energies, np.ones(n), self._digits)
