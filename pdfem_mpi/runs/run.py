@@ -252,7 +252,7 @@ class _Run:
         with phase(seconds, "output"):
             if ended.code != EXIT_STOPPED:  # who stops a run is in a hurry
                 on_root(comm, lambda: self.outputs.close())
-        self._tell(crack_in_a_mirror(self.scene, simulation.discretization, simulation.failure))
+        self._lines(crack_in_a_mirror(self.scene, simulation.discretization, simulation.failure))
         seconds["total"] = perf_counter() - self.started
         summary = None
         if comm.rank == 0:

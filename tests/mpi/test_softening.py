@@ -21,7 +21,7 @@ SCENES = {
     "events": (lambda: soft_strip(**EDGE), 12),
     "events, noise, elements": (lambda: soft_strip(noise=0.05, elements=2, **EDGE), 10),
     "events, energy, finite": (lambda: soft_strip(kinematics="finite", control="energy", **EDGE), 3),
-    "events, mirror planes": (lambda: with_mirrors(soft_strip(control="energy", **EDGE)), 6),
+    "events, mirror planes": (lambda: with_mirrors(soft_strip(2.0, control="energy", **EDGE)), 6),
     "steps": (lambda: soft_strip(stepping=Steps(load_factors=(0.4, 0.6)), **EDGE), None),
     "ramp": (lambda: soft_strip(stepping=RAMP, solver="adr", tolerance=1e-6, **EDGE), None),
 }
@@ -53,7 +53,7 @@ def test_histories_do_not_depend_on_the_number_of_ranks(comm, name):
 
 def test_other_ranks_take_over(comm):
     """Books of one rank restored on all of them: teeth, area, forces and damage are the same."""
-    scene = soft_strip(control="energy", **EDGE).model_copy(update={"output": Output(damage=True)})
+    scene = soft_strip(2.0, control="energy", **EDGE).model_copy(update={"output": Output(damage=True)})
     alone = followed(scene, 6, mpi().COMM_SELF)
     taken = failing(scene, comm)
     taken.failure.restore(*of_bonds(taken.body.model), alone.failure.broken_pairs(), alone.failure.dissipated_digits)

@@ -52,7 +52,7 @@ def test_energies_of_a_body_follow_the_teeth(kinematics):
     unit = k * r2 if kinematics == "finite" else 0.5 * k * r2**2
     may = failure.stretch[failure.class_of[i // 4], failure.class_of[j // 4]] < UNBREAKABLE
     most = np.zeros(len(i))
-    for strain in (0.5, 1.7, 4.0, 3.0, 9.0):
+    for strain in (0.5, 1.7, 4.1, 3.0, 9.3):  # no bond at a limit
         pulled(run, strain * STRETCH)
         along = strain * STRETCH * xi[:, 0] * xi[:, 0]
         square = (2.0 * along + (strain * STRETCH * xi[:, 0]) ** 2) / r2
@@ -98,7 +98,7 @@ def test_margin_lets_bonds_go_early(kinematics):
 @pytest.mark.parametrize("kinematics", KINEMATICS)
 def test_restored_bonds_give_the_same_state(kinematics):
     """Teeth, list, books, preconditioner and forces, in every bit; in any order; what is no bond of it is a mistake."""
-    scene = soft_strip(kinematics=kinematics, control="energy", **EDGE)
+    scene = soft_strip(2.0, kinematics=kinematics, control="energy", **EDGE)
     run = followed(scene, 8)
     again = failing(scene)
     broken = run.failure.broken_pairs()
@@ -110,6 +110,8 @@ def test_restored_bonds_give_the_same_state(kinematics):
     for name in ("count", "soft", "left", "dissipated", "area"):
         assert getattr(again.failure, name) == getattr(run.failure, name), name
     assert (again.failure.extent == run.failure.extent).all()
+    for each in (run, again):  # the quanta of the sums rest on them
+        each.body.state.bounds.bond, each.body.state.bounds.element = 2.0**-8, 2.0**-3
     assert (again.body.internal(run.body.state.u) == run.body.internal(run.body.state.u)).all()
     assert again.body.forces.stored_energy(run.body.state.u) == run.body.forces.stored_energy(run.body.state.u)
     blocks = [each.solve.preconditioner.of_points.sums for each in (run, again)]
@@ -153,7 +155,7 @@ def test_masses_and_parts_know_of_softened_bonds():
 
 def test_local_damage_counts_what_is_left_of_the_stiffness():
     """Eq. (5) with the share of the stiffness in the place of 0 and 1; from row to row as at once; its two parts."""
-    scene = soft_strip(control="energy", **EDGE).model_copy(update={"output": Output(damage=True)})
+    scene = soft_strip(2.0, control="energy", **EDGE).model_copy(update={"output": Output(damage=True)})
     run = failing(scene)
     body, remaining = run.body, Remaining()
     for _ in run.follow(8):
@@ -172,6 +174,7 @@ def test_local_damage_counts_what_is_left_of_the_stiffness():
                 np.add.at(soft, one, weight * volume[other])
     unit = 2.0 ** (np.frexp(volume.max())[1] - 40)
     intact = model.intact_weights.reshape(-1) * unit
+    damage = damage.reshape(-1, 8, 3)[model.points.cell_number[: model.points.n_owned]].reshape(-1, 3)
     np.testing.assert_allclose(damage[:, 0], 1.0 - left / intact, atol=1e-6)
     np.testing.assert_allclose(damage[:, 1], soft / intact, atol=1e-6)
     assert (damage[:, 0] <= damage[:, 1:].sum(axis=1) + 1e-12).all() and damage[:, 1].max() > 0.01

@@ -8,12 +8,12 @@ from support.restarts import StopAt, alone, differing, failing, outcome
 from support.softening import remade, softening_material
 
 FINISHED, STOPPED = 0, 75
-STOPS = (3, 11, 24)
+STOPS = (3, 7, 16)
 
 
 def scene(kinematics):
     base = failing("events", kinematics)
-    events = Events(kind="events", eta=1e-2, inner_iterations=4, report_every=5, end_load_factor=0.6)
+    events = Events(kind="events", eta=1e-2, inner_iterations=4, report_every=5, end_load_factor=0.42)
     material = softening_material(ratio=6.0, stretch=0.02)
     return remade(base, material=material, stepping=events, output=Output(figures=False, damage=True))
 
