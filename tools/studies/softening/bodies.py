@@ -91,7 +91,7 @@ def _plate(title: str, half: float, held: float, material: Mapping[str, float], 
         + _region("middle", lower=[-inner, -99.0, -99.0], upper=[inner, 99.0, 99.0])
         + _region("right", lower=[inner, -99.0, -99.0], may_fail=False)
     )
-    deck = _common(title, ("in", "lbf"), material, 0.05)
+    deck = _common(title, ("in", "lbf"), material, 0.2)
     return deck + mesh + regions + _pulled(half, 0.01 * half) + more
 
 
