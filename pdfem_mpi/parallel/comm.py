@@ -149,9 +149,9 @@ def agree(comm: Intracomm, messages: list[str]) -> list[str]:
     return list(dict.fromkeys(message for own in everybody for message in own))
 
 
-def broadcast(comm: Intracomm, value: T) -> T:
-    """Return rank 0's ``value`` (any object that can be pickled) on every rank. Collective."""
-    word = comm.bcast(value, root=0)
+def broadcast(comm: Intracomm, value: T, root: int = 0) -> T:
+    """Return a rank's ``value`` (any object that can be pickled) on every rank. Collective."""
+    word = comm.bcast(value, root=root)
     report_progress()
     return word
 

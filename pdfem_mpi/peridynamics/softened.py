@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import BondLaw
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.simd import W
@@ -220,7 +220,7 @@ def squared_lengths(pairs: np.ndarray, x: np.ndarray) -> np.ndarray:
     return (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
 
 
-def make_softened(scene: Scene, discretization: Discretization, finite: bool) -> SoftenedBonds:
+def make_softened(scene: Scene, share: Share, finite: bool) -> SoftenedBonds:
     """The empty list of a scene whose bonds soften; ``finite`` is of their kinematics.
 
     Raises
@@ -228,8 +228,8 @@ def make_softened(scene: Scene, discretization: Discretization, finite: bool) ->
     SceneError
         Strength and energy do not go with the internal length.
     """
-    laws, which = bond_laws(scene, discretization)
-    unit = discretization.units.stress * discretization.units.length
+    laws, which = bond_laws(scene, share)
+    unit = share.units.stress * share.units.length
     return SoftenedBonds(make_law_table(laws, unit), which, finite)
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.state import State
@@ -23,7 +23,7 @@ from pdfem_mpi.parallel.comm import NotWritten, broadcast
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.results.cursor import free_name
 from pdfem_mpi.runs.identity import identity, sha256
-from pdfem_mpi.runs.tables import make_layout, total_broken, write_tables
+from pdfem_mpi.runs.tables import columns_of_broken, make_layout, total_broken, write_tables
 from pdfem_mpi.system import faults
 
 if TYPE_CHECKING:
@@ -33,8 +33,6 @@ from pdfem_mpi.runs.restart_point import FOLDER, RestartPoint
 
 #: So many checkpoints that could not be written, one after the other, end the run.
 MOST_FAILURES = 3
-#: What a file's header calls the version of its content; the form of the file has another number.
-SCHEMA = 1
 
 
 class CheckpointContents(NamedTuple):
@@ -61,7 +59,7 @@ class CheckpointWriter:
     Parameters
     ----------
     scene : Scene
-    discretization : Discretization
+    share : Share
     forces : Forces
         Of the run: knows its evaluations.
     failure : Failure or None
@@ -91,7 +89,7 @@ class CheckpointWriter:
     def __init__(
         self,
         scene: Scene,
-        discretization: Discretization,
+        share: Share,
         forces: Forces,
         failure: Failure | None,
         out: Path,
@@ -101,20 +99,21 @@ class CheckpointWriter:
         started: float,
     ):
         self.comm, self.forces, self.model, self.failure = forces.model.comm, forces, forces.model, failure
-        self.layout = make_layout(discretization, forces.model)
+        self.layout = make_layout(share, columns_of_broken(forces.model))
         self.folder, self.keep = out / FOLDER, scene.checkpoint.keep
         self.written = self.failed = self.size = 0
         self.seconds = self.seconds_in_all = 0.0
-        self.restarts = start.restarts
-        self._flush, self._report = flush, report
+        self._flush, self._report, self.restarts = flush, report, start.restarts
         self._before, self._started = start.seconds_before, started
         self._failures, self._number = 0, 0
         self.good: tuple[State, CheckpointContents] | None = None
         if self.comm.rank == 0:
-            keys = identity(scene, discretization)
+            from pdfem_mpi.results.checkpoint import FORMAT
+
+            keys = identity(scene, share)
             self._fixed = {
                 "program": "pdfem_mpi",
-                "schema": SCHEMA,
+                "schema": FORMAT,
                 **environment(),
                 "python": platform.python_version(),
                 "ranks": self.comm.size,

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.materials import materials_of
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import laws_of_materials
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.model.model import Model
+from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE, critical_stretches, lets_overlap_fail, point_classes
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.runs.softening_notes import (
@@ -62,12 +63,12 @@ class Criterion:
     softening: Softening | None = None
 
 
-def criteria(scene: Scene, discretization: Discretization, model: Model) -> dict[str, Criterion]:
+def criteria(scene: Scene, share: Share, model: Model) -> dict[str, Criterion]:
     """The criterion of each material that can fail, by name; empty where no bond can."""
     if model.own_energy is None:
         return {}
-    units, ratio = discretization.units, discretization.cutoff / (1.0 + CUTOFF_GUARD)
-    laws, softening = laws_of_materials(scene, units.length, ratio), softening_of(scene, discretization)
+    units, ratio = share.units, share.cutoff / (1.0 + CUTOFF_GUARD)
+    laws, softening = laws_of_materials(scene, units.length, ratio), softening_of(scene, share)
     found = {}
     for (name, material), own in zip(materials_of(scene).items(), model.own_energy, strict=True):
         law = laws.get(name)
@@ -87,12 +88,12 @@ def criteria(scene: Scene, discretization: Discretization, model: Model) -> dict
 
 
 def failure_summary(
-    scene: Scene, discretization: Discretization, failure: Failure | None, found: dict[str, Criterion]
+    scene: Scene, share: Share, failure: Failure | None, found: dict[str, Criterion]
 ) -> dict[str, Any] | None:
     """What ``summary.json`` says of the criterion; None where no bond can break."""
     if failure is None:
         return None
-    length, cutoff = discretization.units.length, discretization.cutoff / (1.0 + CUTOFF_GUARD)
+    length, cutoff = share.units.length, share.cutoff / (1.0 + CUTOFF_GUARD)
     return {
         "internal_length": length,
         "internal_length_given": scene.peridynamics.internal_length is not None,
@@ -102,9 +103,9 @@ def failure_summary(
 
 
 def describe_criterion(
-    scene: Scene, discretization: Discretization, failure: Failure | None, found: dict[str, Criterion]
+    scene: Scene, share: Share, failure: Failure | None, found: dict[str, Criterion]
 ) -> Iterator[str]:
-    """Sentences about what a user should know before bonds break."""
+    """Sentences about what a user should know before bonds break. Collective."""
     if failure is None:
         return
     if failure.nearest:
@@ -114,17 +115,17 @@ def describe_criterion(
             '"virial" for peaks.'
         )
     if scene.peridynamics.internal_length is None:
-        yield from _lengths(scene, discretization.units.length, found)
-    yield from _overlap_that_fails(scene, discretization)
+        yield from _lengths(scene, share.units.length, found)
+    yield from _overlap_that_fails(scene, share)
     softening = {name: criterion.softening for name, criterion in found.items() if criterion.softening}
     if not softening:
-        yield from _shallow_overlap(scene, discretization)
+        yield from _shallow_overlap(scene, share)
         return
     for name, text in describe_softening(scene, softening):
         own = found[next(iter(softening))] if len(softening) == 1 else None
         yield f"{name}: {text}{_own(scene, own)}"
-    if reaches_into_overlap(scene, discretization):
-        yield near_elements(discretization)
+    if share.counts.overlap_cells and _reaches_into_overlap(scene, share):
+        yield near_elements(share)
     yield from softening_warnings(scene, softening)
 
 
@@ -151,10 +152,10 @@ def _lengths(scene: Scene, length: float, found: dict[str, Criterion]) -> Iterat
         )
 
 
-def _overlap_that_fails(scene: Scene, discretization: Discretization) -> Iterator[str]:
+def _overlap_that_fails(scene: Scene, share: Share) -> Iterator[str]:
     """Decks that let bonds break where no crack can open."""
     for index, region in enumerate(scene.regions):
-        if lets_overlap_fail(region) and (discretization.is_overlap & (discretization.region == index)).any():
+        if lets_overlap_fail(region) and index in share.overlap_regions:
             yield (
                 f"warning: regions.{index}.may_fail = true lets bonds between two points of the overlap break, in "
                 f"{region.name}. Both follow element nodes, so that no crack opens there, and they may be the first "
@@ -162,15 +163,15 @@ def _overlap_that_fails(scene: Scene, discretization: Discretization) -> Iterato
             )
 
 
-def _shallow_overlap(scene: Scene, discretization: Discretization) -> Iterator[str]:
+def _shallow_overlap(scene: Scene, share: Share) -> Iterator[str]:
     """Bonds from free points into an overlap shallower than the internal length, if any may break."""
-    if not discretization.is_overlap.any():
+    if not share.counts.overlap_cells:
         return
-    edge = discretization.mesh.average_edge / discretization.units.length
+    edge = share.average_edge(np.ones_like(share.has_points)) / share.units.length
     depth = scene.coupling.overlap * edge
-    if depth >= SHALLOW or not reaches_into_overlap(scene, discretization):
+    if depth >= SHALLOW or not _reaches_into_overlap(scene, share):
         return
-    unit = discretization.units.length
+    unit = share.units.length
     yield (
         f"note: bonds may break that reach into the overlap, which is {depth * unit:.4g} deep and shallower than the "
         f"internal length {unit:.6g}: they stretch further than others, twice as far in an overlap half as deep. Use "
@@ -188,21 +189,24 @@ def _own(scene: Scene, criterion: Criterion | None) -> str:
     return f"; G_c = {criterion.fracture_energy_bulk:.4g}{unit} in the bulk, and planes across x, y, z cut {own} here"
 
 
-def reaches_into_overlap(scene: Scene, discretization: Discretization) -> bool:
-    """Whether a bond that may break joins a free point to one of the overlap."""
-    if not discretization.is_overlap.any():
-        return False
-    classes, stretch = point_classes(scene, discretization), critical_stretches(scene, discretization)
-    follows = discretization.is_overlap
-    corners = discretization.nodes[discretization.mesh.cells]
+def _reaches_into_overlap(scene: Scene, share: Share) -> bool:
+    """Whether a bond that may break joins a free point to one of the overlap. Collective."""
+    return bool(sum_integers(share.comm, np.array([_reaches_here(scene, share)]))[0])
+
+
+def _reaches_here(scene: Scene, share: Share) -> bool:
+    """The same of the overlap cells of this rank."""
+    classes, stretch = point_classes(scene, share), critical_stretches(scene, share)
+    follows = share.is_overlap & share.is_owned
+    corners = share.nodes[share.mesh.cells]
     for theirs in np.unique(classes[follows]):
         open_to = np.flatnonzero(stretch[theirs] < UNBREAKABLE)
-        free = np.isin(classes, open_to) & discretization.has_points & ~follows
+        free = np.isin(classes, open_to) & share.has_points & ~share.is_overlap
         if not free.any():
             continue
         tree = cKDTree(gauss_positions(corners[free]).reshape(-1, 3))
         points = gauss_positions(corners[follows & (classes == theirs)]).reshape(-1, 3)
-        distance, _ = tree.query(points, distance_upper_bound=discretization.cutoff)
+        distance, _ = tree.query(points, distance_upper_bound=share.cutoff)
         if np.isfinite(distance).any():
             return True
     return False

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization, ModelUnits
+from pdfem_mpi.body.model_units import ModelUnits
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.peridynamics.failure import Failure
 
@@ -125,19 +126,19 @@ def failure_rows(outcome: dict[str, Any] | None, scene: Scene) -> list[tuple[str
     return rows
 
 
-def crack_in_a_mirror(scene: Scene, discretization: Discretization, failure: Failure | None) -> Iterator[str]:
+def crack_in_a_mirror(scene: Scene, share: Share, failure: Failure | None) -> Iterator[str]:
     """A warning where bonds softened along a mirror plane: both sides of the crack are then one."""
     if failure is None or not scene.softens or not failure.count:
         return
     low, high = failure.extent
     sizes = high - low
-    ends = discretization.nodes.min(axis=0), discretization.nodes.max(axis=0)
     for face in scene.mesh.symmetry:
         axis, upper = "xyz".index(face[0]), face[1] == "+"
-        if f"{face[0]}{'-' if upper else '+'}" in scene.mesh.symmetry:
+        if len(share.mirrors.planes[axis]) > 1:
             continue
-        depth = ends[1][axis] - low[axis] if upper else high[axis] - ends[0][axis]
-        if depth <= discretization.cutoff and sizes.max() > discretization.cutoff:
+        (plane,) = share.mirrors.planes[axis]
+        depth = plane - low[axis] if upper else high[axis] - plane
+        if depth <= share.cutoff and sizes.max() > share.cutoff:
             yield (
                 f"warning: the crack runs in the mirror plane {face}, where bonds soften on both sides alike: it takes "
                 "up to 1.5 times its energy, and the peak is too high. Model both sides of the plane."

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import show
 
@@ -33,18 +33,15 @@ LOAD_FACTORS = "stepping.load_factors"
 MESH = "mesh, its nodes and cells"
 
 
-def identity(scene: Scene, discretization: Discretization) -> dict[str, Any]:
+def identity(scene: Scene, share: Share) -> dict[str, Any]:
     """Every key of the scene by its dotted path, as JSON knows it, and a digest of the mesh and its regions."""
     keys: dict[str, Any] = {}
     _flatten(json.loads(scene.model_dump_json()), "", keys)
     keys[KINEMATICS] = keys[KINEMATICS] or "finite"  # as checkpoints had it when that was the default
     if scene.has_finite_elements and scene.kinematics == "finite":
         keys[ELEMENTS_BESIDE_BONDS if scene.has_peridynamics else ELEMENTS] = "finite"
-    keys |= _may_fail(scene, discretization)
-    total = hashlib.sha256()
-    for array in (discretization.nodes, discretization.mesh.cells, discretization.region):
-        total.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
-    keys[MESH] = total.hexdigest()
+    keys |= _may_fail(scene, share)
+    keys[MESH] = share.body_sha256
     return keys
 
 
@@ -92,12 +89,12 @@ def free_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     return [f"{key} was {_show(then, key)}, the deck has {_show(now, key)}" for key in keys if then[key] != now[key]]
 
 
-def _may_fail(scene: Scene, discretization: Discretization) -> dict[str, bool]:
+def _may_fail(scene: Scene, share: Share) -> dict[str, bool]:
     """What a region leaves open, as checkpoints had it when the default was true, where it means the same.
 
     It differs in a region of elements with an overlap whose bonds have a limit: true lets them break.
     """
-    overlap = set(discretization.region[discretization.is_overlap].tolist()) if scene.can_fail else set()
+    overlap = set(share.overlap_regions.tolist()) if scene.can_fail else set()
     return {
         f"regions.{index}.may_fail": True
         for index, region in enumerate(scene.regions)

@@ -100,9 +100,9 @@ class March:
             if not rows:  # nothing was left to do: the fields are those of the last step
                 simulation.evaluate()
             if not self.wanted:
-                ended.digest = digest_fields(simulation.discretization, simulation.forces, state.u)
+                ended.digest = digest_fields(simulation.share, simulation.forces, state.u)
             elif not rows:
-                ended.fields = gather_fields(simulation.discretization, simulation.forces, state.u)
+                ended.fields = gather_fields(simulation.share, simulation.forces, state.u)
             state.program["over"] = 1
             self.stop_requests.save(state)
         except (NotConverged, NotFinite) as error:
@@ -131,9 +131,9 @@ class March:
             self._warned_of_strains = True
         began = perf_counter()
         if self.wanted:
-            ended.fields = gather_fields(simulation.discretization, simulation.forces, simulation.state.u)
-        columns = history_row(report, simulation.discretization.units, simulation.failure is not None)
-        body = simulation.discretization, simulation.model
+            ended.fields = gather_fields(simulation.share, simulation.forces, simulation.state.u)
+        columns = history_row(report, simulation.share.units, simulation.failure is not None)
+        body = simulation.share, simulation.model
         ended.damage = gather_damage(*body, self.remaining, simulation.failure, parts=True)
         on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))
         self.reporter.row(columns)

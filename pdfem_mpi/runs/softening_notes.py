@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from pdfem_mpi.body.discretization import Discretization
+import numpy as np
+
 from pdfem_mpi.body.materials import materials_of
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import laws_of_materials
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
@@ -49,12 +51,12 @@ class Softening:
     process_zone_cells: float
 
 
-def softening_of(scene: Scene, discretization: Discretization) -> dict[str, Softening]:
+def softening_of(scene: Scene, share: Share) -> dict[str, Softening]:
     """The softening of each material that has one, by name; empty where bonds are brittle."""
-    if not scene.softens or not discretization.cutoff:
+    if not scene.softens or not share.cutoff:
         return {}
-    laws = laws_of_materials(scene, discretization.units.length, discretization.cutoff / (1.0 + CUTOFF_GUARD))
-    edge, found = discretization.mesh.average_edge, {}
+    laws = laws_of_materials(scene, share.units.length, share.cutoff / (1.0 + CUTOFF_GUARD))
+    edge, found = share.average_edge(np.ones_like(share.has_points)), {}
     for name, law in laws.items():
         if law.shape is None:
             continue
@@ -105,9 +107,9 @@ def softening_warnings(scene: Scene, found: dict[str, Softening]) -> Iterator[st
         )
 
 
-def near_elements(discretization: Discretization) -> str:
+def near_elements(share: Share) -> str:
     """A warning that bonds may soften which reach into the overlap."""
-    reach = discretization.cutoff / (1.0 + CUTOFF_GUARD) * discretization.units.length
+    reach = share.cutoff / (1.0 + CUTOFF_GUARD) * share.units.length
     return (
         "warning: bonds may soften within a cutoff radius of finite elements, where they stretch further than others, "
         "and the body is then too weak. Give the peridynamic cells beside the elements a region with may_fail = false, "

@@ -35,7 +35,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         seconds_of_all_starts, memory.
     """
     simulation, checkpoints, ended = march.simulation, march.checkpoints, march.ended
-    model, discretization = simulation.model, simulation.discretization
+    model, share = simulation.model, simulation.share
     return {
         "schema_version": SCHEMA_VERSION,
         "status": RUN_STATUS[ended.code],
@@ -48,9 +48,9 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         "mesh": {
             "kind": scene.mesh.kind,
             "symmetry": list(scene.mesh.symmetry),
-            "sha256": discretization.mesh.sha256(),
-            "notes": list(discretization.notes),
-            **asdict(discretization.quality),
+            "sha256": share.mesh_sha256,
+            "notes": list(share.notes),
+            **asdict(share.quality),
         },
         "counts": facts["counts"],
         "bonds_per_rank": facts["bonds_per_rank"],
@@ -64,14 +64,14 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         "restarts": checkpoints.restarts,
         "seconds_of_all_starts": facts["seconds_of_all_starts"],
         "surface_correction": {
-            "kind": scene.peridynamics.surface_correction if discretization.cutoff else None,
-            "remaining": model.correction_remaining if discretization.cutoff else None,
+            "kind": scene.peridynamics.surface_correction if share.cutoff else None,
+            "remaining": model.correction_remaining if share.cutoff else None,
             "fit": fit_report(model.body_fit, findings.smallest_eigenvalue, findings.stable),
         },
         "failure": _failure(march, findings),
         "bonds_cut_by_cracks": list(model.cut),
         "parts_at_start": {"count": simulation.case.parts.count, "not_held": len(simulation.case.unsupported)},
-        "bonds_by_materials": named_pairs(discretization.materials.names, findings.bonds_by_material),
+        "bonds_by_materials": named_pairs(share.materials.names, findings.bonds_by_material),
         "probes": march.outputs.results,
         "seconds": facts["seconds"],
         "memory": facts["memory"],
@@ -93,7 +93,7 @@ def _failure(march: March, findings: Findings) -> dict[str, Any] | None:
         history = read_history(march.outputs.history.history.path)
     except (OSError, ValueError):
         return findings.failure
-    units, program = simulation.discretization.units, simulation.state.program
+    units, program = simulation.share.units, simulation.state.program
     return findings.failure | failure_outcome(history, program, failure, units, findings.failure)
 
 

@@ -58,6 +58,6 @@ def test_other_ranks_take_over(comm):
     taken = failing(scene, comm)
     taken.failure.restore(*of_bonds(taken.body.model), alone.failure.broken_pairs(), alone.failure.dissipated_digits)
     assert_all(comm, outcome(taken)[1:] == outcome(alone)[1:], "books differ")
-    damage = broadcast(comm, gather_damage(taken.body.discretization, taken.body.model, parts=True))
-    by_one = gather_damage(alone.body.discretization, alone.body.model, parts=True)
+    damage = broadcast(comm, gather_damage(taken.body.share, taken.body.model, parts=True))
+    by_one = gather_damage(alone.body.share, alone.body.model, parts=True)
     assert_all(comm, (damage == by_one).all(), "damage differs")

@@ -159,8 +159,8 @@ def test_local_damage_counts_what_is_left_of_the_stiffness():
     run = failing(scene)
     body, remaining = run.body, Remaining()
     for _ in run.follow(8):
-        damage = gather_damage(body.discretization, body.model, remaining, run.failure, parts=True)
-    assert (damage[:, 0] == gather_damage(body.discretization, body.model)).all()
+        damage = gather_damage(body.share, body.model, remaining, run.failure, parts=True)
+    assert (damage[:, 0] == gather_damage(body.share, body.model)).all()
     model, softened = body.model, run.failure.softened
     x, i, j, _ = bond_list(body)
     volume = model.points.volume
@@ -174,7 +174,7 @@ def test_local_damage_counts_what_is_left_of_the_stiffness():
                 np.add.at(soft, one, weight * volume[other])
     unit = 2.0 ** (np.frexp(volume.max())[1] - 40)
     intact = model.intact_weights.reshape(-1) * unit
-    damage = damage.reshape(-1, 8, 3)[model.points.cell_number[: model.points.n_owned]].reshape(-1, 3)
+    damage = damage.reshape(-1, 8, 3)[body.share.own_point_rows].reshape(-1, 3)
     np.testing.assert_allclose(damage[:, 0], 1.0 - left / intact, atol=1e-6)
     np.testing.assert_allclose(damage[:, 1], soft / intact, atol=1e-6)
     assert (damage[:, 0] <= damage[:, 1:].sum(axis=1) + 1e-12).all() and damage[:, 1].max() > 0.01
