@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,6 +102,7 @@ def _properties(material: Material, unit: float, length: float, cutoff_ratio: fl
     return material.tensile_strength, material.fracture_energy, shape
 
 
+@functools.cache
 def _without_drop(shape: Shape, wanted: float, energy: float, tooth_ratio: float) -> tuple[float, float]:
     """First stretch and ratio of a line whose body has the strength ``E wanted``: it hardens after the first bonds.
 

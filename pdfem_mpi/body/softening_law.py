@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 #: Bonds within a cone, by the cosine to its axis: of the response of a uniform body.
-DIRECTIONS = 400
+DIRECTIONS = 200
 #: Strains, in units of s_t, among which the strength of a body is sought, and their number. With a drop it is reached
 #: at once; without, hardening ends within a tenth of the final stretch.
-MOST_STRAIN, STRAINS = 12.0, 240
-#: Halvings of the bracket of the lateral contraction: to 1e-7 of the strain.
-HALVINGS = 26
+LEAST_STRAIN, MOST_STRAIN, STRAINS = 0.99, 12.0, 240
+#: Halvings of the bracket of the lateral contraction: to 4e-6 of the strain.
+HALVINGS = 20
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ def strength_factor(teeth: Teeth) -> float:
         tooth = np.searchsorted(limit, np.maximum(largest, stretch), side="right")
         return stretch, weight * teeth.stiffness[tooth] * stretch
 
-    for strain in np.linspace(0.5, MOST_STRAIN, STRAINS):
+    for strain in np.geomspace(LEAST_STRAIN, MOST_STRAIN, STRAINS):
         low, high = -strain, 3.0 * strain
         for _ in range(HALVINGS):  # the more the body contracts, the less its bonds pull across
             middle = 0.5 * (low + high)

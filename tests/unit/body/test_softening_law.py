@@ -13,7 +13,7 @@ from pdfem_mpi.deck.table import SceneError
 from support.bodies import make_scene
 
 EXACT = 1e-12
-SAMPLED = 0.01  # strains of a body are sampled in steps of 0.05 s_t
+SAMPLED = 0.012  # strains of a body are sampled in steps of a hundredth
 E, LENGTH, CUTOFF = 2.6e4, 3.0, 2.5
 SHAPES = {"straight": Shape(0.5), "kink": Shape(0.5, (0.26, 0.114)), "line": Shape(1.0)}
 
