@@ -8,7 +8,6 @@ import numpy as np
 
 from pdfem_mpi.kernels import bond_response, bond_sweeps, bond_tangent, point_table
 from pdfem_mpi.kernels.bond_failure import add_energies
-from pdfem_mpi.kernels.exact_sums import add_products
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.peridynamics.bonds import Bonds
@@ -143,8 +142,7 @@ class BondForces:
         for rows in self.bonds.rows:
             add_energies(*rows.arrays, self.S.reshape(-1), self.bonds.finite, digits)
         if self.bonds.softened:
-            energies = self.bonds.softened.energies(self.S.reshape(-1))
-            add_products(energies, np.ones(len(energies)), digits)
+            self.bonds.softened.add_energies(self.S.reshape(-1), digits)
 
     def displacements(self) -> np.ndarray:
         """Those of the owned points at the last evaluation, shape (n_owned * 8, 3), dimension length."""

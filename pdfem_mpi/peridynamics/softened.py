@@ -16,6 +16,7 @@ import numpy as np
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import BondLaw
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.kernels.exact_sums import add_products
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.kernels.softened_bonds import (
     add_softened_forces,
@@ -142,10 +143,10 @@ class SoftenedBonds:
         """Add the tangent's forces to a table; the largest component."""
         return add_softened_tangent(*self._list, S, SI, quantum)
 
-    def energies(self, S: np.ndarray) -> np.ndarray:
-        """Strain energy of each bond of the list, shape (n,), dimension force length."""
+    def add_energies(self, S: np.ndarray, digits: np.ndarray) -> None:
+        """Add the strain energies to an exact sum."""
         _, _, energy = self._measure(S)
-        return energy * self.share
+        add_products(energy * self.share, np.ones(self.n), digits)
 
     def largest_ratio(self, S: np.ndarray, nearest: float, most: float) -> float:
         """Largest stretch over its next limit; bonds as `bond_failure.largest_ratio` counts them."""

@@ -22,7 +22,7 @@ SOFTENING_HISTORY = ("softened_bonds",)
 
 def columns_of(fails: bool, softens: bool = False) -> tuple[str, ...]:
     """Columns of history.csv; more where bonds can break, or soften."""
-    return HISTORY + (FAILURE_HISTORY if fails else ()) + (SOFTENING_HISTORY if softens else ())
+    return HISTORY + (FAILURE_HISTORY if fails else ()) + (SOFTENING_HISTORY if fails and softens else ())
 
 
 def history_row(row: Report, units: ModelUnits, fails: bool) -> dict[str, Any]:

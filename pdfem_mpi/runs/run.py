@@ -231,8 +231,7 @@ class _Run:
             self.scene, geometry, self.claimed.written, sha256(self.deck_text), start.results,
             start.other_fields, note, self._warn,
         )  # fmt: skip
-        fails = simulation.failure is not None
-        self.outputs = make_outputs(place, columns_of(fails, fails and self.scene.softens))
+        self.outputs = make_outputs(place, columns_of(simulation.failure is not None, self.scene.softens))
         self.outputs.open()
 
     def _memory(self, march: March, before: int) -> dict[str, Any]:
@@ -248,7 +247,6 @@ class _Run:
         seconds["solve"], seconds["output"] = march.seconds, march.seconds_of_output
         phases = {name: round(value, 6) for name, value in simulation.forces.seconds.items()}
         bonds = comm.gather(simulation.model.bonds.count if simulation.model.bonds else 0)
-        evaluations = simulation.forces.evaluations
         if ended.fields is not None:
             self.outputs.measure(ended.fields, simulation.state.load_factor)
         with phase(seconds, "output"):
@@ -264,7 +262,7 @@ class _Run:
                 "fields_sha256": fields_sha256(ended.fields) if ended.fields else ended.digest,
                 "counts": sizes,
                 "bonds_per_rank": bonds,
-                "evaluations": evaluations,
+                "evaluations": simulation.forces.evaluations,
                 "seconds": seconds | {"evaluation_phases_rank_0": phases},
                 "seconds_of_all_starts": self.claimed.starts.seconds_before + seconds["total"],
                 "memory": memory,
