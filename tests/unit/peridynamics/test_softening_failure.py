@@ -13,7 +13,7 @@ from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.peridynamics.softening_failure import GONE
 from support.bodies import bond_list
 from support.failing import STRETCH, failing, followed, of_bonds, strip
-from support.softening import soft_strip
+from support.softening import soft_strip, with_mirrors
 
 STORED = 1e-5  # stored numbers have 24 bits, and terms of both signs
 CLOSED, TANGENT_STEPS = 1e-10, 1e-4  # of the work, as in test_events
@@ -151,6 +151,17 @@ def test_masses_and_parts_know_of_softened_bonds():
     body.model.bonds.join(parent, bonded)
     pairs = run.failure.softened.pairs[: run.failure.softened.n]
     assert set(np.flatnonzero(bonded)) == set(pairs.reshape(-1).tolist())
+
+
+def test_softened_bonds_cross_mirror_planes_as_before():
+    """What holds a part to its image holds it while its bonds are soft."""
+    run = failing(with_mirrors(soft_strip(**TINY), ("z-", "y-")))
+    bonds, points = run.body.model.bonds, run.body.model.points
+    before = bonds.planes_crossed(points)
+    pulled(run, 4.0 * STRETCH)
+    images = run.failure.softened.pairs[: run.failure.softened.n, 1] // 8 >= points.n_owned
+    assert images.any() and run.failure.count == 0
+    assert (bonds.planes_crossed(points) == before).all()
 
 
 def test_local_damage_counts_what_is_left_of_the_stiffness():
