@@ -96,6 +96,8 @@ def _load_to_break(avalanche: Avalanche) -> bool:
         return True
     ratio = ledger.forces.largest_ratio(ledger.failure)
     if ratio == 0.0:
+        if ledger.carries_little():  # apart since the relaxation: nothing is left to stretch
+            return False
         raise NotConverged("the load stretches no bond that may break. Load the body otherwise.")
     limit = math.inf if settings.end_load_factor is None else settings.end_load_factor
     if ledger.finite:

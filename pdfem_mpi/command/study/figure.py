@@ -82,7 +82,8 @@ def draw(
     failed = sum(outcome.status not in ("finished", "waiting") for outcome in outcomes)
     note = f"{failed} of {len(members)} members failed" if failed else ""
     units = {name: unit_of(scene, "length") for name in names if _is_displacement(scene, name)}
-    units[PEAK] = unit_of(scene, "force")
+    if PEAK in names:
+        units[PEAK] = unit_of(scene, "force")
     along = f"{key}{f' ({unit})' if unit else ''}"
     attempt(lambda: draw_study(path, series, along, units, scene.title, note), path, report)
 
