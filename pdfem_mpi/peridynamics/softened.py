@@ -16,6 +16,8 @@ import numpy as np
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import BondLaw
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.softening import OWN_RATIO
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.exact_sums import add_products
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.kernels.softened_bonds import (
@@ -221,27 +223,33 @@ def squared_lengths(pairs: np.ndarray, x: np.ndarray) -> np.ndarray:
     return (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
 
 
-def make_softened(scene: Scene, share: Share, finite: bool) -> SoftenedBonds:
-    """The empty list of a scene whose bonds soften; ``finite`` is of their kinematics.
+def make_softened(scene: Scene, share: Share, bonds: Bonds) -> SoftenedBonds:
+    """The empty list of a scene whose bonds soften.
 
     Raises
     ------
     SceneError
-        Strength and energy do not go with the internal length.
+        Strength and energy do not go with the internal length, or the bonds have a volumetric part.
     """
+    if bonds.volumetric:
+        raise SceneError([f"material.poissons_ratio {OWN_RATIO}"])
     laws, which = bond_laws(scene, share)
     unit = share.units.stress * share.units.length
-    return SoftenedBonds(make_law_table(laws, unit), which, finite)
+    return SoftenedBonds(make_law_table(laws, unit), which, bonds.finite)
 
 
 @contextlib.contextmanager
-def in_their_rows(bonds: Bonds | None) -> Iterator[None]:
-    """Have the softened bonds in the rows again, as stiff as they were, for sums that bound the stiffness."""
+def in_their_rows(bonds: Bonds | None, softened_still: bool = False) -> Iterator[None]:
+    """Have the softened bonds in the rows again: as stiff as they were, for sums that bound the stiffness, or with what
+    is left of it, for stresses.
+    """
     softened = bonds and bonds.softened
     if not softened:
         yield
         return
-    pairs, strengths = (array[: softened.n] for array in (softened.pairs, softened.strengths))
+    pairs, strengths = (array[: softened.n].copy() for array in (softened.pairs, softened.strengths))
+    if softened_still:
+        strengths[:, 0] *= softened.share.astype(np.float32)
     for values in (strengths, np.zeros_like(strengths)):
         for rows in bonds.rows:
             write_slots(pairs, values, *rows.arrays, softened.finite)

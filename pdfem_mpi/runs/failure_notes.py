@@ -50,8 +50,8 @@ class Criterion:
     fracture_energy_bulk : float, dimension force / length
         Of all bonds that a plane inside a body without ends cuts, without surface correction.
     fracture_energy_own_bonds : tuple of three floats or None, dimension force / length
-        Of those that planes normal to x, y and z cut in this body before cracks, mean over the planes' places; None
-        where no cell of the material may fail.
+        Of those that planes normal to x, y and z cut in this body before cracks, mean over the planes' places, with
+        the bulk's share of the dilatation beside them; None where no cell of the material may fail.
     softening : Softening or None
         Where bonds soften from ``critical_stretch`` on.
     """
@@ -76,7 +76,8 @@ def criteria(scene: Scene, share: Share, model: Model) -> dict[str, Criterion]:
             continue
         bulk = material.energy_at_failure(law.first, units.length, ratio) if law.shape is None else law.energy
         square = law.first**2 if law.shape is None else law.teeth.energy
-        energies = own * square * units.stress * units.length
+        whole = 1.0 + material.share_of_dilatation(ratio)  # of the bonds alone
+        energies = own * square * whole * units.stress * units.length
         found[name] = Criterion(
             critical_stretch=float(law.first),
             strength=float(law.strength),

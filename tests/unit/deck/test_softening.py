@@ -130,3 +130,8 @@ def test_strength_without_bonds_is_refused():
     with pytest.raises(DeckError) as refused:
         parse_deck(text, "deck.toml")
     assert any("breaks bonds, and no region has any" in message for message in refused.value.messages)
+
+
+def test_another_poissons_ratio_is_refused_beside_bonds_that_soften():
+    messages = refusals(material=f"{PAIR}\npoissons_ratio = 0.3")
+    assert any("material.poissons_ratio = 0.3 other than 0.25 asks for a volumetric part" in text for text in messages)
