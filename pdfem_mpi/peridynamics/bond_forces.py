@@ -76,7 +76,7 @@ class BondForces:
         yield "exchange", self.finish_forward
         yield "bonds", partial(self._sweep, self.bonds.boundary, failure, margin, met)
         if self.bonds.softened:
-            yield "bonds", partial(self._add_softened, failure, margin, met)
+            yield "bonds", partial(add_softened, self, failure, margin, met)
         yield "exchange", self.start_reverse
 
     @property
@@ -123,14 +123,6 @@ class BondForces:
     def finish_reverse(self) -> None:
         """Wait for the forces that other ranks have for owned points."""
         self.points.halo.finish_reverse(self.SI.reshape(-1, 2, 9, W)[:, :, 6:9])
-
-    def _add_softened(self, failure: Failure | None, margin: float, met: np.ndarray) -> None:
-        """Add the forces of bonds that have softened, once those that go on in this sweep have done so."""
-        if failure:
-            failure.advance(self.points, self.S, margin)
-        self.swept.add("tangent, softened" if self.tangent else "softened")
-        add = self.bonds.softened.add_tangent if self.tangent else self.bonds.softened.add_forces
-        met[0] = max(met[0], add(self.S.reshape(-1), self.SI.reshape(-1), self.quantum))
 
     def read(self, quantum: float, external: np.ndarray, force: np.ndarray) -> None:
         """``force = external - internal`` of the free points, in cluster layout."""
@@ -189,6 +181,16 @@ class BondForces:
                     failure.book(self.points, self.bonds, self.S)
             if halo is not None:
                 halo.test()
+
+
+def add_softened(forces: BondForces, failure: Failure | None, margin: float, met: np.ndarray) -> None:
+    """Add the forces of bonds that have softened, once those that go on in this sweep have done so."""
+    softened = forces.bonds.softened
+    if failure:
+        failure.advance(forces.points, forces.S, margin)
+    forces.swept.add("tangent, softened" if forces.tangent else "softened")
+    add = softened.add_tangent if forces.tangent else softened.add_forces
+    met[0] = max(met[0], add(forces.S.reshape(-1), forces.SI.reshape(-1), forces.quantum))
 
 
 def pages(shape: tuple[int, ...]) -> np.ndarray:
