@@ -13,6 +13,7 @@ import numpy as np
 from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.deck.materials import DEFAULT_MATERIAL, Material
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.softening import CRITERION
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ def bond_materials(scene: Scene) -> tuple[tuple[tuple[Material, ...], ...], ...]
         interface = given.get(frozenset((a, b)))
         own = {} if interface is None else interface.model_dump(exclude={"between"}, exclude_none=True)
         if interface is not None and interface.can_fail:
-            own = {"critical_stretch": None, "fracture_energy": None} | own
+            own = dict.fromkeys(CRITERION) | own
         return tuple(side.model_copy(update=own) for side in sides if side.modulus_of_bonds == softest)
 
     return tuple(tuple(holding(a, b) for b in materials) for a in materials)

@@ -10,8 +10,10 @@ from pydantic import BeforeValidator, Field
 
 from pdfem_mpi.deck.amplitudes import amplitude_problems, between
 from pdfem_mpi.deck.loads import Support
-from pdfem_mpi.deck.materials import Interface, Material, all_materials
+from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Interface, Material, all_materials
+from pdfem_mpi.deck.peridynamics import Peridynamics
 from pdfem_mpi.deck.regions import Region, has_model
+from pdfem_mpi.deck.softening import CRITERION, OWN_RATIO
 from pdfem_mpi.deck.table import Problem, Table, key, show
 
 
@@ -46,12 +48,15 @@ class Steps(Table):
         A pseudo-time for each load factor, strictly rising from 0: factors may then rise, fall and change their sign.
     increments : int or None, >= 1
         Equilibria on the straight line from one time to the next; None (default): one.
+    tooth_ratio : float or None, above 1 to 2, dimension 1
+        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
     """
 
     kind: Literal["steps"] = key("steps")
     load_factors: tuple[float, ...] = key((1.0,), min_length=1, dimension="1")
     times: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
     increments: int | None = key(None, ge=1)
+    tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
 
     @property
     def schedule(self) -> list[tuple[float | None, float]]:
@@ -101,6 +106,8 @@ class Ramp(Table):
         or when the reaction has fallen below this fraction of its peak.
     report_every : int, >= 1
         Iterations between two rows of the history, which are frames of the fields as well.
+    tooth_ratio : float or None, above 1 to 2, dimension 1
+        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
     """
 
     kind: Literal["ramp"]
@@ -108,6 +115,7 @@ class Ramp(Table):
     end_load_factor: float = key(1.0, gt=0, dimension="1")
     end_reaction: float = key(0.05, ge=0, lt=1, dimension="1")
     report_every: int = key(1000, ge=1)
+    tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
 
     def problems(self) -> list[Problem]:
         """A ramp of at least one iteration."""
@@ -133,7 +141,8 @@ class Events(Table):
     Attributes
     ----------
     eta : float, 1e-6 to below 0.5, dimension 1
-        Bonds within this fraction of their critical stretch break together with the first.
+        Bonds within this fraction of their critical stretch break together with the first. 1e-2 by default where bonds
+        soften, with 4 sweeps between batches.
     inner_iterations : int, >= 1
         Sweeps of relaxation between two batches of breaks in an avalanche, fewer where the residual gets to 1e-4.
     arrest_tolerance : float, above 0 and below 1, dimension 1
@@ -148,6 +157,8 @@ class Events(Table):
         the load is scaled so that the next bond is about to break, which follows snap-backs.
     report_every : int, >= 1
         Batches between two rows of the history within an avalanche.
+    tooth_ratio : float or None, above 1 to 2, dimension 1
+        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
     """
 
     kind: Literal["events"]
@@ -158,6 +169,7 @@ class Events(Table):
     end_reaction: float = key(0.05, gt=0, lt=1, dimension="1")
     control: Literal["load", "energy"] = key("load")
     report_every: int = key(10, ge=1)
+    tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
 
     @property
     def n_steps(self) -> int | None:
@@ -184,7 +196,7 @@ def check_failure(
     if not has_model(regions, "peridynamics"):
         problems = [
             Problem(
-                f"{where}.{'fracture_energy' if table.critical_stretch is None else 'critical_stretch'}",
+                f"{where}.{next(name for name in CRITERION if getattr(table, name) is not None)}",
                 "breaks bonds, and no region has any. Remove it, or describe a region by peridynamics.",
             )
             for where, table in tables.values()
@@ -208,6 +220,39 @@ def _needs_failure(stepping: Any, reason: str) -> list[Problem]:
     if stepping.kind == "steps":
         return []
     return [Problem("stepping.kind", f"= {show(stepping.kind)} follows failure, and {reason}")]
+
+
+def check_softening(
+    material: Material,
+    materials: dict[str, Material],
+    interfaces: Sequence[Interface],
+    regions: Sequence[Region],
+    peridynamics: Peridynamics,
+    stepping: Any,
+) -> list[Problem]:
+    """Teeth belong to bonds that soften, and these to stiffnesses that push back where they are pressed."""
+    tables = (material, *materials.values(), *interfaces)
+    if not any(table.softens for table in tables):
+        if stepping.tooth_ratio is None:
+            return []
+        text = "is of bonds that soften, and none does. Give material.tensile_strength, or remove it."
+        return [Problem("stepping.tooth_ratio", f"= {show(stepping.tooth_ratio)} {text}")]
+    if peridynamics.surface_correction == "fitted" and peridynamics.signs == "free":
+        return [
+            Problem(
+                "peridynamics.signs",
+                '= "free" lets bonds push where they are stretched, and such a bond cannot soften. Use "bounded", or '
+                'surface_correction = "virial".',
+            )
+        ]
+    named = all_materials(material, materials)
+    used = {region.material for region in regions if region.model == "peridynamics" and region.material in named}
+    ratios = [(where, table.poissons_ratio) for name, (where, table) in named.items() if name in used]
+    return [
+        Problem(f"{where}.poissons_ratio", f"= {show(ratio)} {OWN_RATIO}")
+        for where, ratio in ratios
+        if ratio != BOND_POISSONS_RATIO
+    ]
 
 
 def check_stepping_solver(stepping: Any, solver: Solver) -> list[Problem]:

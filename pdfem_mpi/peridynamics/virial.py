@@ -14,6 +14,7 @@ from pdfem_mpi.peridynamics.bond_sums import sum_terms
 from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.images import MAGNITUDES, MIXED_PRODUCTS, SCALAR
 from pdfem_mpi.peridynamics.points import Points
+from pdfem_mpi.peridynamics.softened import in_their_rows
 
 #: A family tells no gradient where ``det M / (tr M / 3)^3`` of its second moments is below this: its points lie nearly
 #: in a plane, as those of a fragment may (a full family has 1, one beside a flat crack 0.9).
@@ -44,7 +45,8 @@ def bond_stresses(
     def add(rows, *numbers):
         add_stresses(*rows.arrays, table.reshape(-1), strain, bonds.finite, *numbers)
 
-    sums, quanta = sum_terms(comm, points, bonds, add, STRESSES, MAGNITUDES + MIXED_PRODUCTS + SCALAR)
+    with in_their_rows(bonds, softened_still=True):
+        sums, quanta = sum_terms(comm, points, bonds, add, STRESSES, MAGNITUDES + MIXED_PRODUCTS + SCALAR)
     half = 0.5 / points.volume[: 8 * points.n_owned].reshape(-1, 8)
     return sums[..., :6] * quanta[0] * half[..., None], sums[..., 6] * quanta[1] * half
 
@@ -63,7 +65,8 @@ def displacement_gradients(comm, points: Points, bonds: Bonds, table: np.ndarray
         add_gradients(*rows.arrays, table.reshape(-1), *places, bonds.finite, *numbers)
 
     parity = MAGNITUDES + MIXED_PRODUCTS + MIXED_PRODUCTS + MAGNITUDES + MIXED_PRODUCTS
-    sums, quanta = sum_terms(comm, points, bonds, add, GRADIENTS, parity)
+    with in_their_rows(bonds, softened_still=True):
+        sums, quanta = sum_terms(comm, points, bonds, add, GRADIENTS, parity)
     xx, yy, zz, xy, yz, zx = range(6)
     moment = (sums * quanta[1])[..., 9:][..., [xx, xy, zx, xy, yy, yz, zx, yz, zz]].reshape(*sums.shape[:2], 3, 3)
     change = (sums * quanta[0])[..., [0, 3, 8, 6, 1, 4, 5, 7, 2]].reshape(moment.shape)

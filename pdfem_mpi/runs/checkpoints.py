@@ -23,7 +23,7 @@ from pdfem_mpi.parallel.comm import NotWritten, broadcast, on_root_beating
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.results.cursor import free_name
 from pdfem_mpi.runs.identity import identity, sha256
-from pdfem_mpi.runs.tables import make_layout, total_broken, write_tables
+from pdfem_mpi.runs.tables import columns_of_broken, make_layout, total_broken, write_tables
 from pdfem_mpi.system import faults
 
 if TYPE_CHECKING:
@@ -42,8 +42,8 @@ class CheckpointContents(NamedTuple):
     ----------
     evaluations : int
         Of the run so far.
-    broken : int64, shape (n, 2)
-        Bonds broken on this rank.
+    broken : int64, shape (n, 2 or 3)
+        Bonds broken on this rank; with their teeth where bonds soften.
     books : dict or None
         The dissipated energy as an exact sum, and the extent of the last breaks.
     """
@@ -99,7 +99,7 @@ class CheckpointWriter:
         started: float,
     ):
         self.comm, self.forces, self.model, self.failure = forces.model.comm, forces, forces.model, failure
-        self.layout = make_layout(share)
+        self.layout = make_layout(share, columns_of_broken(forces.model))
         self.folder, self.keep = out / FOLDER, scene.checkpoint.keep
         self.written = self.failed = self.size = 0
         self.seconds = self.seconds_in_all = 0.0

@@ -37,7 +37,7 @@ class Ending:
     reason : str or None
     fields : Fields or None
         The last ones, on rank 0, where something asks for them.
-    damage : float64, shape (n_points,), or None
+    damage : float64, shape (n_points,) or, where bonds soften, (n_points, 3), or None
     digest : str or None
         Of the fields, where nothing asks for them.
     did_nothing : bool
@@ -146,7 +146,8 @@ class March:
             ended.fields = simulation.fields(*simulation.scene.output.mechanical, probes=simulation.probe_reader)
         columns = history_row(report, simulation.share.units, simulation.failure is not None)
         columns |= probe_row(simulation.scene.probes, ended.fields.probed if ended.fields else {})
-        ended.damage = gather_damage(simulation.share, simulation.model, self.remaining, simulation.failure)
+        body = simulation.share, simulation.model
+        ended.damage = gather_damage(*body, self.remaining, simulation.failure, parts=True)
         on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))
         self.reporter.row(columns)
         self.seconds_of_output += perf_counter() - began

@@ -25,6 +25,7 @@ from pdfem_mpi.results.summary_file import sealed, write_summary
 from pdfem_mpi.runs.checkpoints import CheckpointWriter, take_over
 from pdfem_mpi.runs.claimed_folder import ClaimedFolder
 from pdfem_mpi.runs.compilation import not_compiled
+from pdfem_mpi.runs.failure_outcome import crack_in_a_mirror
 from pdfem_mpi.runs.history_rows import columns_of
 from pdfem_mpi.runs.identity import identity
 from pdfem_mpi.runs.march import March
@@ -246,12 +247,12 @@ class _Run:
         seconds["solve"], seconds["output"] = march.seconds, march.seconds_of_output
         phases = {name: round(value, 6) for name, value in simulation.forces.seconds.items()}
         bonds = comm.gather(simulation.model.bonds.count if simulation.model.bonds else 0)
-        evaluations = simulation.forces.evaluations
         if ended.fields is not None:
             self.outputs.measure(ended.fields, simulation.state.load_factor)
         with phase(seconds, "output"):
             if ended.code != EXIT_STOPPED:  # who stops a run is in a hurry
                 on_root(comm, lambda: self.outputs.close())
+        self._lines(crack_in_a_mirror(self.scene, simulation.share, simulation.failure))
         seconds["total"] = perf_counter() - self.started
         summary = None
         if comm.rank == 0:
@@ -261,7 +262,7 @@ class _Run:
                 "fields_sha256": fields_sha256(ended.fields) if ended.fields else ended.digest,
                 "counts": sizes,
                 "bonds_per_rank": bonds,
-                "evaluations": evaluations,
+                "evaluations": simulation.forces.evaluations,
                 "seconds": seconds | {"evaluation_phases_rank_0": phases},
                 "seconds_of_all_starts": self.claimed.starts.seconds_before + seconds["total"],
                 "memory": memory,

@@ -96,6 +96,8 @@ def _load_to_break(avalanche: Avalanche) -> bool:
         return True
     ratio = ledger.forces.largest_ratio(ledger.failure)
     if ratio == 0.0:
+        if ledger.carries_little():  # apart since the relaxation: nothing is left to stretch
+            return False
         raise NotConverged("the load stretches no bond that may break. Load the body otherwise.")
     limit = math.inf if settings.end_load_factor is None else settings.end_load_factor
     if ledger.finite:
@@ -109,5 +111,5 @@ def _load_to_break(avalanche: Avalanche) -> bool:
         return False
     if ledger.carries_little():
         return False
-    program["peak"] = max(program["peak"], program["reaction"])
+    ledger.remember_peak()
     return True

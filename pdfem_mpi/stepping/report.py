@@ -52,6 +52,8 @@ class Report:
         Pseudo-time of a program that has one.
     seconds : float
         Since the row before.
+    softened : int or None
+        Bonds that have softened and are not gone; None where none can.
     """
 
     step: int
@@ -73,6 +75,7 @@ class Report:
     elements: Deformation | None
     time: float | None
     seconds: float
+    softened: int | None = None
 
     @property
     def ledger_error(self) -> float | None:
@@ -153,6 +156,7 @@ class Reporter:
             elements=elements,
             time=state.program.get("time"),
             seconds=now - state.began,
+            softened=getattr(failure, "soft", None),
         )
         state.program["told_broken"], state.began = broken, now
         return row

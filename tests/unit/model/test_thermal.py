@@ -154,7 +154,7 @@ def test_a_file_of_equal_temperatures_is_a_constant_change(tmp_path):
     ("temperature", "sentence"),
     [
         ("", "temperature must have either change or file, and has neither"),
-        ('file = "a.txt"', 'is not a .vtu file'),
+        ('file = "a.txt"', "is not a .vtu file"),
         ("change = 1.0\nreference = 3.0", "temperature.reference = 3.0 is subtracted from a file's temperatures"),
     ],
 )
