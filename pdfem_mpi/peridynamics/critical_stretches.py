@@ -37,7 +37,8 @@ def _with_joints(discretization: Discretization) -> np.ndarray:
 def critical_stretches(scene: Scene, discretization: Discretization) -> np.ndarray:
     """Critical stretch of the bonds between points of two classes, float64, shape (n_classes, n_classes)."""
     cutoff_ratio = discretization.cutoff / (1.0 + CUTOFF_GUARD)
-    of_materials = bond_stretches(scene, discretization.units.length, cutoff_ratio)
+    units = discretization.units
+    of_materials = bond_stretches(scene, units.length, cutoff_ratio, units)
     regions = [*scene.regions, *(scene.regions[k] for k in _with_joints(discretization))]
     if len(regions) > MOST_CLASSES:
         raise SceneError([
@@ -49,8 +50,7 @@ def critical_stretches(scene: Scene, discretization: Discretization) -> np.ndarr
     # All points of element regions follow nodes; a deck that says so lets bonds between them break.
     follows = np.array([k >= len(scene.regions) or r.model != "peridynamics" for k, r in enumerate(regions)])
     allowed = ~follows | np.array([lets_overlap_fail(region) for region in regions])
-    stretches = discretization.units.numbers(np.minimum(of_materials, UNBREAKABLE))
-    critical = stretches[material[:, None], material]
+    critical = np.minimum(of_materials[material[:, None], material], UNBREAKABLE)
     breaks = may[:, None] & may & (~(follows[:, None] & follows) | (allowed[:, None] & allowed))
     return np.where(breaks, critical, UNBREAKABLE)
 
