@@ -1,7 +1,7 @@
 """From the scene and its mesh to collocation points, finite elements and their overlap, in model units.
 
 The discretization is global and the same on every rank: about 150 bytes a cell, against 20,000 bytes of bonds of a
-peridynamic cell. What a rank keeps of it is cut out in ``model.py``.
+peridynamic cell. It ends in this folder: what a rank keeps of it is its `share.Share`, and nothing above sees more.
 
 **Model units.** Lengths are in units of the internal length ``l`` (without peridynamics: of the mean edge), measured
 from the centre of the bounding box, stresses in units of the default material's Young's modulus. Numbers stored in
@@ -11,8 +11,11 @@ subtraction (`model_units`).
 
 from __future__ import annotations
 
+import hashlib
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,13 +25,17 @@ from pdfem_mpi.body.meshing import check_folded, describe_folded, make_mesh
 from pdfem_mpi.body.model_units import ModelUnits, quantum_for
 from pdfem_mpi.body.overlap import check_cracks, check_joints, check_overlap_materials, find_overlap
 from pdfem_mpi.body.regions import assign_regions
-from pdfem_mpi.deck.materials import PERIDYNAMIC_POISSONS_RATIO
 from pdfem_mpi.deck.meshes import FileMesh, PlateWithHoleMesh
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors, mirrors_at
 from pdfem_mpi.mesh.quality import Quality, folded_cells, measure
+from pdfem_mpi.parallel.comm import largest, report_progress, sum_integers
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
 
 
 @dataclass(frozen=True)
@@ -60,14 +67,14 @@ class Discretization:
         Cells at which a body whose factors should be fitted is too thin for it.
     has_stiffness : bool, shape (n_cells,)
         Cells whose element has an internal force (eqs 15, 16).
-    point_cell_number : int64, shape (n_cells,)
-        Number of a cell among the cells with points, else -1; its points are ``8 number + g``.
-    node_number : int64, shape (n_nodes,)
-        Number of a node among the nodes of elements and overlap, else -1.
+    carries : bool, shape (n_nodes,)
+        Nodes that carry unknowns: those of elements and overlap.
     cutoff : float
         Guarded cutoff radius in model units; 0 without peridynamics.
     mirrors : Mirrors
         Mirror planes in model units.
+    has_cycle : bool
+        Equilibria are found by conjugate gradients, whose preconditioner works on every cell.
     """
 
     mesh: HexMesh
@@ -83,10 +90,10 @@ class Discretization:
     body: np.ndarray
     thin: np.ndarray
     has_stiffness: np.ndarray
-    point_cell_number: np.ndarray
-    node_number: np.ndarray
+    carries: np.ndarray
     cutoff: float
     mirrors: Mirrors
+    has_cycle: bool = False
 
     @property
     def n_point_cells(self) -> int:
@@ -101,7 +108,22 @@ class Discretization:
     @property
     def n_nodes(self) -> int:
         """Number of nodes that carry unknowns."""
-        return int(np.count_nonzero(self.node_number >= 0))
+        return int(np.count_nonzero(self.carries))
+
+    @property
+    def point_row(self) -> np.ndarray:
+        """Number of each cell among the cells with points, by which result files are ordered; else -1; int64."""
+        return _number(self.has_points)
+
+    @property
+    def free_row(self) -> np.ndarray:
+        """The same among the cells with free points, by which checkpoints are ordered; int64, shape (n_cells,)."""
+        return _number(self.has_points & ~self.is_overlap)
+
+    @property
+    def node_row(self) -> np.ndarray:
+        """Number of each node among the nodes with unknowns; else -1; int64, shape (n_nodes,)."""
+        return _number(self.carries)
 
     @property
     def youngs_modulus(self) -> np.ndarray:
@@ -134,37 +156,47 @@ class Discretization:
         folded[folded_cells(self.mesh)] = True
         return (*self.mesh.notes, f"warning: {describe_folded(self.mesh, folded)}: results near them are poor.")
 
+    def sha256(self) -> str:
+        """Digest of the nodes in model units, the cells and their regions."""
+        total = hashlib.sha256()
+        for array in (self.nodes, self.mesh.cells, self.region):
+            total.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
+        return total.hexdigest()
+
     @property
     def has_nodes(self) -> np.ndarray:
         """Cells with nodes that carry unknowns: elements and overlap; bool, shape (n_cells,)."""
         return self.has_stiffness | self.is_overlap
 
 
-def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
+def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None = None) -> Discretization:
     """Decide what every cell of the scene's mesh carries.
 
     Parameters
     ----------
     mesh : HexMesh, optional
         What `make_mesh` gave; made here, if not given.
+    comm : Intracomm, optional
+        Ranks that share the work; collective then.
 
     Raises
     ------
     SceneError
         Cells inside out, regions that overlap or leave cells out, an empty region, an overlap that does not fit or
-        whose material cannot have bonds, bodies that cannot be fitted.
+        where two Poisson's ratios meet, bodies that cannot be fitted.
     """
     mesh = make_mesh(scene) if mesh is None else mesh
-    quality = measure(mesh)
+    quality = _measure(mesh, comm)
+    report_progress()
     region = assign_regions(scene, mesh)
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
     materials = material_table(scene)
     material = np.array([materials.names.index(r.material) for r in scene.regions], np.int16)[region]
     bodies = _find_bodies(scene, mesh, peridynamic, materials, material)
     is_overlap, has_points = bodies.is_overlap, bodies.number >= 0
+    report_progress()
     check_folded(mesh, quality, has_points)
-    cannot_bond = materials.poissons_ratio != PERIDYNAMIC_POISSONS_RATIO
-    check_overlap_materials(scene, mesh, region, is_overlap & cannot_bond[material])
+    check_overlap_materials(scene, mesh, region, materials.poissons_ratio[material], is_overlap, has_points)
     keeps_both = scene.coupling.kind == "paper_a"
     has_stiffness = ~peridynamic & (keeps_both | ~is_overlap)
 
@@ -190,11 +222,26 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         body=bodies.number,
         thin=bodies.thin,
         has_stiffness=has_stiffness,
-        point_cell_number=_number(has_points),
-        node_number=_number(carries),
+        carries=carries,
         cutoff=units.numbers(cutoff_radius / length) * (1.0 + CUTOFF_GUARD),
         mirrors=mirrors_at(scene.mesh.symmetry, *units.places(np.array([mesh.lower, mesh.upper]))),
+        has_cycle=scene.has_cycle,
     )
+
+
+def _measure(mesh: HexMesh, comm: Intracomm | None) -> Quality:
+    """Quality of all cells, each rank measuring a block of them; errors are those of the whole mesh."""
+    if comm is None or comm.size == 1:
+        return measure(mesh)
+    n, found = len(mesh.cells), None
+    with suppress(SceneError):
+        found = measure(HexMesh(mesh.nodes, mesh.cells[n * comm.rank // comm.size : n * (comm.rank + 1) // comm.size]))
+    if sum_integers(comm, np.array([found is None]))[0]:
+        return measure(mesh)
+    low = largest(comm, -np.array([found.shortest_edge, found.smallest_scaled_jacobian, found.smallest_gauss_volume]))
+    (longest,) = largest(comm, np.array([found.longest_edge])).tolist()
+    shortest, jacobian, volume = (-low).tolist()
+    return Quality(shortest, longest, jacobian, volume)
 
 
 def _find_bodies(

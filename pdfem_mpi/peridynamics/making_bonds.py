@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.materials import MaterialTable
-from pdfem_mpi.body.share import Subdomain
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels import families
 from pdfem_mpi.kernels.bond_failure import add_noise
@@ -21,11 +20,12 @@ from pdfem_mpi.peridynamics.fit.fit import BodyFit, fit_body
 from pdfem_mpi.peridynamics.points import Points
 from pdfem_mpi.peridynamics.rows import find_bonds, within_bodies
 from pdfem_mpi.peridynamics.surface_correction import appendix_a
+from pdfem_mpi.peridynamics.volumetric import volumetric_part, with_moments
 from pdfem_mpi.system.heap import large_arrays_together
 
 
 def bonds_of_scene(
-    scene: Scene, discretization: Discretization, subdomain: Subdomain, comm, points: Points, fits: tuple[Path, ...]
+    scene: Scene, share: Share, comm, points: Points, fits: tuple[Path, ...]
 ) -> tuple[Bonds, float, BodyFit | None]:
     """The bonds that a deck describes, before cracks. Collective.
 
@@ -45,23 +45,23 @@ def bonds_of_scene(
     Raises
     ------
     SceneError
-        Bond factors cannot be fitted.
+        Bond factors cannot be fitted, or bonds do not bear a material's Poisson's ratio.
     """
     settings, body_fit = scene.peridynamics, None
     fitted = settings.surface_correction == "fitted"
-    body = comm, points, discretization.materials, discretization.cutoff, scene.kinematics == "finite"
+    body = comm, points, share.materials, share.cutoff, scene.kinematics == "finite"
     correction = "virial" if fitted else settings.surface_correction
     bonds, remaining = make_bonds(*body, correction)
     if fitted:
         with large_arrays_together():
-            bonds, body_fit = fit_body(comm, discretization, subdomain, points, bonds, settings.signs, fits)
+            bonds, body_fit = fit_body(comm, share, points, bonds, settings.signs, fits)
         if body_fit.fit:
             remaining = 0.0
-        elif not len(discretization.thin):  # the fit that does not serve is written over them
+        elif not share.boundaries.thin:  # the fit that does not serve is written over them
             bonds, remaining = make_bonds(*body, correction)
     if settings.stiffness_noise:
         bonds = perturbed(points, bonds, settings.stiffness_noise, settings.seed)
-    return bonds, remaining, body_fit
+    return with_moments(comm, points, bonds, share.materials), remaining, body_fit
 
 
 def make_bonds(
@@ -93,6 +93,7 @@ def make_bonds(
     of_point, at_cluster = of_point.astype(np.int32), at_cluster.astype(np.int32)
 
     constants = RESPONSE_CONSTANT * materials.bond_modulus
+    part = volumetric_part(comm, points, materials)
 
     def filled(factor):
         counts, strongest = np.zeros(constants.shape, np.int64), np.zeros(2)
@@ -104,8 +105,9 @@ def make_bonds(
         if points.images:
             share_own_images(*boundary.arrays, points.cell_number, points.material, finite, counts)
         return Bonds(
-            interior, boundary, finite, cutoff, of_point, at_cluster, counts, *largest(comm, strongest).tolist()
-        )
+            interior, boundary, finite, cutoff, of_point, at_cluster, counts, *largest(comm, strongest).tolist(),
+            part,
+        )  # fmt: skip
 
     bonds = filled(np.empty(0))
     if correction == "none":

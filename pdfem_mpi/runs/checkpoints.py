@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.state import State
-from pdfem_mpi.parallel.comm import NotWritten, broadcast
+from pdfem_mpi.parallel.comm import NotWritten, broadcast, on_root_beating
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.results.cursor import free_name
 from pdfem_mpi.runs.identity import identity, sha256
@@ -33,8 +33,6 @@ from pdfem_mpi.runs.restart_point import FOLDER, RestartPoint
 
 #: So many checkpoints that could not be written, one after the other, end the run.
 MOST_FAILURES = 3
-#: What a file's header calls the version of its content; the form of the file has another number.
-SCHEMA = 1
 
 
 class CheckpointContents(NamedTuple):
@@ -61,7 +59,7 @@ class CheckpointWriter:
     Parameters
     ----------
     scene : Scene
-    discretization : Discretization
+    share : Share
     forces : Forces
         Of the run: knows its evaluations.
     failure : Failure or None
@@ -91,7 +89,7 @@ class CheckpointWriter:
     def __init__(
         self,
         scene: Scene,
-        discretization: Discretization,
+        share: Share,
         forces: Forces,
         failure: Failure | None,
         out: Path,
@@ -101,20 +99,21 @@ class CheckpointWriter:
         started: float,
     ):
         self.comm, self.forces, self.model, self.failure = forces.model.comm, forces, forces.model, failure
-        self.layout = make_layout(discretization, forces.model)
+        self.layout = make_layout(share)
         self.folder, self.keep = out / FOLDER, scene.checkpoint.keep
         self.written = self.failed = self.size = 0
         self.seconds = self.seconds_in_all = 0.0
-        self.restarts = start.restarts
-        self._flush, self._report = flush, report
+        self._flush, self._report, self.restarts = flush, report, start.restarts
         self._before, self._started = start.seconds_before, started
         self._failures, self._number = 0, 0
         self.good: tuple[State, CheckpointContents] | None = None
         if self.comm.rank == 0:
-            keys = identity(scene, discretization)
+            from pdfem_mpi.results.checkpoint import FORMAT
+
+            keys = identity(scene, share)
             self._fixed = {
                 "program": "pdfem_mpi",
-                "schema": SCHEMA,
+                "schema": FORMAT,
                 **environment(),
                 "python": platform.python_version(),
                 "ranks": self.comm.size,
@@ -162,11 +161,7 @@ class CheckpointWriter:
             except OSError as error:
                 problem = error
         write_tables(self.model, self.layout, state.fields, contents.broken, writer)
-        if writer:
-            try:
-                self.size = writer.finish(header)
-            except (OSError, RuntimeError) as error:
-                problem = error
+        self.size, problem = _finish(comm, writer, header, (self.size, problem))
         faults.begin("outcome")
         reason = broadcast(comm, None if problem is None else getattr(problem, "strerror", None) or str(problem))
         self.seconds = perf_counter() - begun
@@ -244,6 +239,20 @@ class CheckpointWriter:
         self._number += 1
         with contextlib.suppress(OSError):
             rotate(self.folder, self.keep)
+
+
+def _finish(comm, writer, header: dict[str, Any], before: tuple[int, Exception | None]):
+    """Finish the file on rank 0, while the others hear that it goes on; its size, and what went wrong. Collective."""
+    found = [before]
+
+    def finish(beat):
+        try:
+            found.append((writer.finish(header, beat), None))
+        except (OSError, RuntimeError) as error:
+            found.append((before[0], error))
+
+    on_root_beating(comm, finish if writer else lambda beat: None)
+    return found[-1]
 
 
 def take_over(start: RestartPoint, folder: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.fields import fields_sha256
+from pdfem_mpi.measure.geometry import Geometry
 from pdfem_mpi.parallel.comm import NotWritten, broadcast, on_root, sum_integers
 from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests
 from pdfem_mpi.parallel.watchdog import NoWatchdog, Watchdog, patience
@@ -30,7 +32,7 @@ from pdfem_mpi.runs.memory_estimate import resident
 from pdfem_mpi.runs.memory_report import count_parts, describe_memory, features_of, left_out, table_of
 from pdfem_mpi.runs.notes import Findings, describe_body, describe_bonds, describe_nothing, ending, examine, headline
 from pdfem_mpi.runs.output import Place
-from pdfem_mpi.runs.outputs import Outputs, make_outputs
+from pdfem_mpi.runs.outputs import Outputs, geometry_of, make_outputs
 from pdfem_mpi.runs.prepare import count_sizes, fit_folders, prepare, warm_up
 from pdfem_mpi.runs.reporter import LoggedReporter, NullReporter, Reporter
 from pdfem_mpi.runs.restart_point import FOLDER as CHECKPOINTS
@@ -153,7 +155,7 @@ class _Run:
         else:
             state.began = perf_counter()
         self._lines(describe_bonds(simulation, findings))
-        on_root(self.comm, lambda: self._open_outputs(simulation, start))
+        on_root(self.comm, partial(self._open_outputs, simulation, geometry_of(simulation), start))
         self.options.requests.setting_up = False
         start_up = perf_counter() - self.started
         march = March(simulation, self.outputs, self.reporter, checkpoints, stop_requests, start.changed)
@@ -192,8 +194,8 @@ class _Run:
             )
             broken = None
             if start.path:
-                broken = restore(start, simulation.discretization, simulation.model, simulation.state)
-            return simulation, broken, count_sizes(simulation.discretization, simulation.model)
+                broken = restore(start, simulation.share, simulation.model, simulation.state)
+            return simulation, broken, count_sizes(simulation.share, simulation.model)
 
     def _open_folder(self, start: RestartPoint) -> None:
         self.claimed.written.remove(SUMMARY)
@@ -209,7 +211,7 @@ class _Run:
     def _make_checkpoints(self, simulation: Simulation, start: RestartPoint) -> tuple[CheckpointWriter, StopRequests]:
         """Who writes checkpoints, and who says when. Collective."""
         checkpoints = CheckpointWriter(
-            self.scene, simulation.discretization, simulation.forces, simulation.failure, self.out, self._flush,
+            self.scene, simulation.share, simulation.forces, simulation.failure, self.out, self._flush,
             self._line, start, self.started,
         )  # fmt: skip
         options = self.options
@@ -219,23 +221,23 @@ class _Run:
         self.claimed.starts.note(perf_counter() - self.started)
         return self.outputs.flush()
 
-    def _open_outputs(self, simulation: Simulation, start: RestartPoint) -> None:
+    def _open_outputs(self, simulation: Simulation, geometry: Geometry | None, start: RestartPoint) -> None:
         def note(text):
             start.notes.append(text)
             self._warn(text)
 
         place = Place(
-            self.scene, simulation.discretization, self.claimed.written, sha256(self.deck_text), start.results,
+            self.scene, geometry, self.claimed.written, sha256(self.deck_text), start.results,
             start.other_fields, note, self._warn,
         )  # fmt: skip
-        self.outputs = make_outputs(place, columns_of(simulation.failure is not None))
+        self.outputs = make_outputs(place, columns_of(simulation.failure is not None, self.scene))
         self.outputs.open()
 
     def _memory(self, march: March, before: int) -> dict[str, Any]:
         """What was allocated, and what was left out. Collective."""
         simulation = march.simulation
         arrays = count_parts(*simulation.parts, march.checkpoints, march.arrays)
-        reasons = left_out(self.scene, simulation.discretization, simulation.failure, self.comm.size)
+        reasons = left_out(self.scene, simulation.share, simulation.failure, self.comm.size)
         return describe_memory(self.comm, arrays, march.watched, reasons, simulation.need, before)
 
     def _finish(self, march: March, start: RestartPoint, findings: Findings, sizes: dict, memory: dict) -> int:

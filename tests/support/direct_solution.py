@@ -85,7 +85,7 @@ def make_body(scene: Scene) -> Body:
     tied = np.flatnonzero(~own)
     for a in range(8):
         rows.append(tied)
-        columns.append(n_free + d.node_number[cells[cell[tied], a]])
+        columns.append(n_free + d.node_row[cells[cell[tied], a]])
         values.append(shape(GAUSS)[tied % 8, a])
     ties = sparse.csr_matrix(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (len(x), n_free + d.n_nodes)
@@ -101,10 +101,17 @@ def bonds(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         raise ValueError("the reference knows bonds without surface correction only")
     pairs = cKDTree(body.x).query_pairs(cutoff * (1.0 + GUARD), output_type="ndarray")
     i, j = pairs.T
-    modulus = np.array([table.bulk_modulus for table in _tables(body)])[body.cell]
+    _, shear = _lame(body)
     r = np.linalg.norm(body.x[j] - body.x[i], axis=1)
-    c = 9.0 * np.minimum(modulus[i], modulus[j]) / (math.pi * length**4)
+    c = 15.0 * np.minimum(shear[i], shear[j]) / (math.pi * length**4)  # 9 k / (pi l^4) at a Poisson's ratio of 1/4
     return i, j, c * np.exp(-((r / length) ** 2)) * body.volume[i] * body.volume[j]
+
+
+def _lame(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Constants of Lame of all points."""
+    tables = _tables(body)
+    e, nu = (np.array([getattr(t, name) for t in tables])[body.cell] for name in ("youngs_modulus", "poissons_ratio"))
+    return e * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), e / (2.0 * (1.0 + nu))
 
 
 def _tables(body: Body) -> list[Material]:
@@ -127,12 +134,22 @@ def stiffness(body: Body) -> sparse.csr_matrix:
     )
     springs = springs @ ties
     total = springs.T @ sparse.diags(k / np.linalg.norm(xi, axis=1)) @ springs
+    total = total + _volumetric(body, i, j, k, springs)
     elastic, tables = np.flatnonzero(d.has_stiffness), _tables(body)
     blocks = np.array([_element(d.mesh.nodes[d.mesh.cells[c]], tables[c]) for c in elastic]).reshape(-1, 24, 24)
-    places = 3 * (body.n_free + d.node_number[d.mesh.cells[elastic]])[:, :, None] + np.arange(3)
+    places = 3 * (body.n_free + d.node_row[d.mesh.cells[elastic]])[:, :, None] + np.arange(3)
     places = places.reshape(-1, 24)
     rows, columns = np.repeat(places, 24, axis=1).reshape(-1), np.tile(places, (1, 24)).reshape(-1)
     return (total + sparse.csr_matrix((blocks.reshape(-1), (rows, columns)), total.shape)).tocsr()
+
+
+def _volumetric(body: Body, i, j, k, springs: sparse.csr_matrix) -> sparse.csr_matrix:
+    """What the ratio of a material asks for beside its bonds: ``1/2 (lambda - mu) w theta^2`` of every point."""
+    lam, mu = _lame(body)
+    terms = k / (10.0 * np.minimum(mu[i], mu[j]))  # w theta = sum k e / (10 mu)
+    places = np.concatenate([i, j]), np.tile(np.arange(len(k)), 2)
+    divergence = sparse.csr_matrix((np.tile(terms, 2), places), (len(body.x), len(k))) @ springs
+    return divergence.T @ sparse.diags((lam - mu) / body.volume) @ divergence
 
 
 def _element(corners: np.ndarray, material: Material) -> np.ndarray:
@@ -170,7 +187,7 @@ def external_forces(body: Body) -> np.ndarray:
             force[: body.n_free] += (body.volume[:, None] * own[:, None] * density)[~d.is_overlap[body.cell]]
             for c in np.flatnonzero(chosen & d.has_nodes):
                 for g in range(8):
-                    places = body.n_free + d.node_number[mesh.cells[c]]
+                    places = body.n_free + d.node_row[mesh.cells[c]]
                     force[places] += np.outer(shape(GAUSS)[g], volume[c, g] * density)
             continue
         _, faces = mesh.faces_on_face(load.face)
@@ -182,7 +199,7 @@ def external_forces(body: Body) -> np.ndarray:
             area.sum() if load.total is not None else 1.0
         )
         for nodes in faces:  # a quarter of a parallelogram belongs to each of its nodes
-            force[body.n_free + d.node_number[nodes]] += area[0] / 4.0 * traction
+            force[body.n_free + d.node_row[nodes]] += area[0] / 4.0 * traction
     return force
 
 
@@ -199,7 +216,7 @@ def prescribed(body: Body) -> np.ndarray:
             nodes &= d.mesh.nodes_on_face(support.face)
         if support.set is not None:
             nodes &= np.isin(np.arange(len(nodes)), d.mesh.node_sets[support.set])
-        places = np.concatenate([chosen[own_cell], nodes[d.node_number >= 0]])
+        places = np.concatenate([chosen[own_cell], nodes[d.node_row >= 0]])
         for axis, amount in enumerate((support.x, support.y, support.z)):
             if amount is not None:
                 value[places, axis] = amount
@@ -232,7 +249,7 @@ def solve(scene: Scene) -> tuple[np.ndarray | None, np.ndarray | None]:
     if fixed.any():
         u[free] = _solve(inner, known)
     else:
-        nodes = body.discretization.mesh.nodes[body.discretization.node_number >= 0]
+        nodes = body.discretization.mesh.nodes[body.discretization.node_row >= 0]
         places = np.concatenate([body.x[~body.discretization.is_overlap[body.cell]], nodes])
         modes = sparse.csr_matrix(rigid_motions(places - places.mean(axis=0)).reshape(6, -1))
         u[free] = _solve(sparse.bmat([[inner, modes.T], [modes, None]]), np.append(known, np.zeros(6)))[:-6]

@@ -14,7 +14,6 @@ from pdfem_mpi.deck.peridynamics import Crack, Peridynamics
 from pdfem_mpi.deck.programs import Events, Solver
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.measure.fields import point_positions
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.stepping import Report, follow_load_program, make_solver
@@ -57,6 +56,7 @@ def strip(
     noise=0.0,
     seed=0,
     cells=CELLS,
+    poissons_ratio=0.25,
     **options,
 ):
     """A strip of unit cells, pulled along x, with a crack at its middle; its ends may not fail.
@@ -87,7 +87,7 @@ def strip(
     corners = () if crack is None else ((crack[0], -1.0), (crack[1], -1.0), (crack[1], nz + 1), (crack[0], nz + 1))
     return Scene(
         mesh=BoxMesh(lower=(0.0, 0.0, 0.0), upper=(nx, ny, nz), spacing=1.0),
-        material=Material(youngs_modulus=YOUNGS_MODULUS, critical_stretch=STRETCH),
+        material=Material(youngs_modulus=YOUNGS_MODULUS, poissons_ratio=poissons_ratio, critical_stretch=STRETCH),
         regions=tuple(regions),
         peridynamics=Peridynamics(kinematics=kinematics, stiffness_noise=noise, seed=seed),
         cracks=(Crack(polygon=tuple((middle, y, z) for y, z in corners)),) if corners else (),
@@ -121,15 +121,15 @@ class Failing:
 
     def middles(self):
         """Midpoints of the bonds broken on this rank, relative to the body's centre, deck units, shape (n, 3)."""
-        x = point_positions(self.body.discretization) - self.body.discretization.units.origin
-        return x[self.failure.broken_pairs()].mean(axis=1)
+        x = self.body.geometry.point_positions - self.body.share.units.origin
+        return x[self.body.geometry.rows_of_points(self.failure.broken_pairs())[0]].mean(axis=1)
 
 
 def failing(scene, comm=None) -> Failing:
     """Assemble a scene that can fail. Collective."""
     body = build(scene, comm)
-    failure = make_failure(scene, body.discretization, body.model)
-    return Failing(body, failure, make_solver(scene, body.discretization, body.forces, body.case, print), [])
+    failure = make_failure(scene, body.share, body.model)
+    return Failing(body, failure, make_solver(scene, body.share, body.forces, body.case, print), [])
 
 
 def followed(scene, rows=None, comm=None) -> Failing:

@@ -33,7 +33,7 @@ BREAKING = {"break_check", "break_records"}
 ELEMENTS = {"nodes", "elements"}
 GRADIENTS = {"intact_elements", "coarse_grid", "preconditioner_blocks"}
 ALWAYS = {
-    "mesh", "discretization", "share_of_the_rank", "masses", "loads_and_supports", "state", "force_tables",
+    "mesh", "share_of_the_rank", "masses", "loads_and_supports", "state", "force_tables",
     "solver_vectors",
 }  # fmt: skip
 
@@ -62,6 +62,7 @@ SCENES = {
         BONDS | GRADIENTS | {"bond_lengths"},
         ["finite, closed form", "tangent, closed form", "tangent, series"],
     ),
+    "another ratio": (scene_of(poissons_ratio=0.3), BONDS | {"dilatations"}, ["linear, volumetric"]),
     "coupled": (scene_of(3), BONDS | ELEMENTS | {"overlap"}, ["linear"]),
     "half": (
         scene_of(symmetry=("y-",)),
@@ -116,6 +117,8 @@ def test_a_scene_has_the_parts_that_it_needs_and_a_reason_for_each_other(memory,
         ("linear", "break_check", "no critical_stretch and no fracture_energy in the deck"),
         ("linear, breaking", "broken_bonds", "no bond broke"),
         ("linear", "elements", "no cell is a finite element"),
+        ("linear", "dilatations", "Poisson's ratio of the bonds is 1/4"),
+        ("finite elements, adr", "dilatations", "no cell is peridynamic"),
         ("coupled", "coarse_grid", 'solver.kind = "adr"'),
         ("coupled", "checkpoint_copy", "one load step: there is no earlier state to keep"),
         ("coupled", "output", "output.fields = false, and no probes"),
@@ -183,7 +186,7 @@ def test_digest_in_slabs_is_that_of_the_fields(n_elements, monkeypatch):
     body = build(make_scene(CELLS, n_elements))
     u = np.random.default_rng(0).uniform(-1e-3, 1e-3, body.model.n_unknowns)
     fields = body.fields(u)
-    assert digest_fields(body.discretization, body.forces, u) == fields_sha256(fields)
+    assert digest_fields(body.share, body.forces, u) == fields_sha256(fields)
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other mallocs have their own ways")
