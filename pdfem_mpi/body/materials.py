@@ -90,7 +90,9 @@ def material_table(scene: Scene) -> MaterialTable:
     )
 
 
-def bond_stretches(scene: Scene, internal_length: float, cutoff_ratio: float) -> np.ndarray:
+def bond_stretches(
+    scene: Scene, internal_length: float, cutoff_ratio: float, units: ModelUnits | None = None
+) -> np.ndarray:
     """Critical stretch of the bonds between two materials; infinity if they do not break.
 
     Parameters
@@ -99,14 +101,19 @@ def bond_stretches(scene: Scene, internal_length: float, cutoff_ratio: float) ->
         In the deck's unit.
     cutoff_ratio : float
         ``r_c / l``.
+    units : ModelUnits, optional
+        Which round what comes from a fracture energy: its last digits hang on the deck's units.
 
     Returns
     -------
     float64, shape (n_materials, n_materials), dimension 1
     """
 
+    def stretch(material: Material) -> float | None:
+        s = material.stretch_at_failure(internal_length, cutoff_ratio)
+        return float(units.numbers(s)) if units and s and material.fracture_energy is not None else s
+
     def weakest(of_bond: tuple[Material, ...]) -> float:
-        stretches = (material.stretch_at_failure(internal_length, cutoff_ratio) for material in of_bond)
-        return min((s for s in stretches if s is not None), default=np.inf)
+        return min((s for s in map(stretch, of_bond) if s is not None), default=np.inf)
 
     return np.array([[weakest(of_bond) for of_bond in row] for row in bond_materials(scene)])
