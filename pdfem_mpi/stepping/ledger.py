@@ -28,7 +28,7 @@ from pdfem_mpi.stepping.steps import break_bonds
 #: What ``state.program`` keeps.
 NUMBERS = (
     "work", "released", "peak", "stable", "batches", "relative", "reaction", "sweeps", "told_sweeps", "size", "adrift",
-    "cuts", "apart", "fragments", "fresh", *arrest.NUMBERS,
+    "cuts", "apart", "fragments", "fresh", "leg", *arrest.NUMBERS,
 )  # fmt: skip
 
 
