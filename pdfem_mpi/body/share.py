@@ -16,12 +16,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pdfem_mpi.body.boundaries import Boundaries
+from pdfem_mpi.body.counts import Counts, count
 from pdfem_mpi.body.discretization import Discretization, discretize
 from pdfem_mpi.body.materials import MaterialTable
 from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.body.overlap import describe_cracked_overlap
 from pdfem_mpi.body.selection import Selections, select_places
-from pdfem_mpi.body.subdomain import Subdomain, cut_out, locality_order, node_owners, partition, split_nodes
+from pdfem_mpi.body.subdomain import (
+    Subdomain,
+    count_neighbours,
+    cut_out,
+    locality_order,
+    node_owners,
+    partition,
+    split_nodes,
+)
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors
@@ -35,21 +44,6 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Counts:
-    """Sizes of the whole body: all cells, cells with points, with free points, elements, overlap; nodes in use."""
-
-    cells: int
-    point_cells: int
-    free_cells: int
-    elements: int
-    overlap_cells: int
-    node_cells: int
-    nodes: int
-    mesh_nodes: int
-    bodies: int
-
-
-@dataclass(frozen=True)
 class Share:
     """What a rank knows of the body. Rows of arrays are the cells and nodes of ``mesh``, which has their numbers.
 
@@ -59,13 +53,12 @@ class Share:
     mesh : MeshPart
         In the deck's units.
     subdomain : Subdomain
-        Which cells and nodes the rank owns; places among those of the share.
+        Of places among the share's cells and nodes.
     cell_owner : int32, shape (n_cells,)
     units, materials : ModelUnits, MaterialTable
     nodes : float64, shape (n_nodes, 3)
-        Node positions in model units.
     lower, upper : float64, shape (3,)
-        Corners of the whole body's box, model units.
+        Positions in model units, and corners of the whole body's box.
     region, material : int16, shape (n_cells,)
     is_peridynamic, has_points, is_overlap, has_stiffness : bool, shape (n_cells,)
         As in `Discretization`.
@@ -203,8 +196,8 @@ class Share:
 
 
 def share_of(scene: Scene, comm: Intracomm, mesh: HexMesh | None = None) -> Share:
-    """This rank's share of a scene's body; see `discretize` for the mesh and for errors. Collective."""
-    return make_share(scene, discretize(scene, mesh), comm)
+    """This rank's share of a scene's body; see `discretize`. Collective."""
+    return make_share(scene, discretize(scene, mesh, comm), comm)
 
 
 def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
@@ -215,7 +208,7 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
     SceneError
         More ranks than cells.
     """
-    owner = partition(whole, comm.size)
+    owner = partition(whole, comm.size, count_neighbours(whole, comm))
     numbers = cut_out(whole, owner, comm.rank)
     seen = whole.mesh.neighbours(owner == comm.rank)
     seen[numbers.ghosts] = True
@@ -252,7 +245,7 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
         cutoff=whole.cutoff,
         mirrors=whole.mirrors,
         reflections=whole.reflections,
-        counts=_count(whole),
+        counts=count(whole),
         typical_edge=_typical_edge(whole),
         joint_regions=np.unique(whole.region[whole.is_peridynamic & whole.is_overlap]),
         overlap_regions=np.unique(whole.region[whole.is_overlap]),
@@ -272,20 +265,6 @@ def _by_places(numbers: Subdomain, mesh: MeshPart) -> Subdomain:
              ("free", "overlap", "ghosts", "images", "elements")}  # fmt: skip
     nodes = {name: mesh.places_of_nodes(getattr(numbers, name)) for name in ("owned_nodes", "ghost_nodes")}
     return replace(numbers, **cells, **nodes)
-
-
-def _count(whole: Discretization) -> Counts:
-    return Counts(
-        cells=len(whole.mesh.cells),
-        point_cells=whole.n_point_cells,
-        free_cells=int(np.count_nonzero(whole.has_points & ~whole.is_overlap)),
-        elements=int(np.count_nonzero(whole.has_stiffness)),
-        overlap_cells=int(np.count_nonzero(whole.is_overlap)),
-        node_cells=int(np.count_nonzero(whole.has_nodes)),
-        nodes=whole.n_nodes,
-        mesh_nodes=len(whole.mesh.nodes),
-        bodies=whole.n_bodies,
-    )
 
 
 def _typical_edge(whole: Discretization) -> float:

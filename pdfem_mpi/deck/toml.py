@@ -28,12 +28,13 @@ MOST_PROBLEMS, LONGEST_SENTENCE = 50, 2000
 MOST_BYTES = 1 << 24  # a file without an end is not read
 
 
-def read_deck(path: str | Path, overrides: Sequence[str] | Mapping[str, Any] = ()) -> Scene:
+def read_deck(deck: str | Path | Mapping[str, Any], overrides: Sequence[str] | Mapping[str, Any] = ()) -> Scene:
     """Read a deck, apply overrides, and validate it as a whole.
 
     Parameters
     ----------
-    path : str or Path
+    deck : str, Path or dict
+        A file, or its tables as TOML would give them: ``{"mesh": {"spacing": 0.1, ...}, "regions": [...], ...}``.
     overrides : sequence of str, or dict
         Like ``mesh.spacing=0.1``, see `parse_overrides`; or values by their keys, ``{"mesh.spacing": 0.1}``.
 
@@ -42,7 +43,9 @@ def read_deck(path: str | Path, overrides: Sequence[str] | Mapping[str, Any] = (
     DeckError
         With every problem found.
     """
-    return parse_deck(read_text(path), str(path), overrides)
+    if isinstance(deck, Mapping):
+        return parse_tables(_thaw(deck), "deck", overrides)
+    return parse_deck(read_text(deck), str(deck), overrides)
 
 
 def read_text(path: str | Path) -> str:
@@ -84,7 +87,18 @@ def parse_deck(text: str, name: str, overrides: Sequence[str] | Mapping[str, Any
         raise DeckError(
             [f"{name}: this is not a TOML file: {reason}. Correct that place: decks have lines key = value."]
         ) from None
-    messages = []
+    return parse_tables(data, name, overrides)
+
+
+def parse_tables(data: dict[str, Any], name: str, overrides: Sequence[str] | Mapping[str, Any] = ()) -> Scene:
+    """Return the validated scene of a deck's tables, which are changed; ``name`` opens every sentence.
+
+    Raises
+    ------
+    DeckError
+        With every problem found.
+    """
+    messages: list[str] = []
     overridden = set()
     for override in parse_overrides(overrides, messages):
         try:
@@ -124,6 +138,15 @@ def _freeze(value: Any) -> Any:
         return {name: _freeze(item) for name, item in value.items()}
     if isinstance(value, list):
         return tuple(_freeze(item) for item in value)
+    return value
+
+
+def _thaw(value: Any) -> Any:
+    """The inverse of `_freeze`: a copy with lists, as TOML gives them."""
+    if isinstance(value, Mapping):
+        return {name: _thaw(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_thaw(item) for item in value]
     return value
 
 

@@ -83,6 +83,37 @@ def gather_fields(
     return Fields(u_points, u_nodes, *more, probed) if model.comm.rank == 0 else None
 
 
+@dataclass(frozen=True)
+class NodalForces:
+    """Forces on all points and nodes, in the order of `Fields`; None for a part the scene does not have.
+
+    Attributes
+    ----------
+    points : float64, shape (n_points, 3), dimension force
+    nodes : float64, shape (n_nodes, 3), dimension force
+    """
+
+    points: np.ndarray | None
+    nodes: np.ndarray | None
+
+
+def gather_forces(share: Share, model: Model, force: np.ndarray) -> NodalForces | None:
+    """Collect forces over the unknowns, shape (n_unknowns,), model units; None except on rank 0. Collective."""
+    of_points = of_nodes = None
+    if model.points:
+        rows = np.zeros((model.points.n_owned, 8, 3))
+        rows[: model.points.n_free] = model.unknowns.rows(force)[: model.unknowns.n_points].reshape(-1, 8, 3)
+        of_points = gather_rows(model.comm, share.own_point_rows, rows, share.counts.point_cells)
+    if model.nodes:
+        of_nodes = gather_rows(model.comm, share.own_node_rows, model.unknowns.of_nodes(force), share.counts.nodes)
+    if model.comm.rank > 0:
+        return None
+    unit = share.units.force
+    return NodalForces(
+        None if of_points is None else of_points.reshape(-1, 3) * unit, None if of_nodes is None else of_nodes * unit
+    )
+
+
 def gather_damage(
     share: Share, model: Model, remaining: Remaining | None = None, failure: Failure | None = None
 ) -> np.ndarray | None:

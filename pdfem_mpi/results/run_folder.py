@@ -18,6 +18,9 @@ from pdfem_mpi.system.plain_files import read_plain
 WORDS = "event"
 #: A summary has no more bytes.
 MOST_BYTES = 1 << 24
+#: Keys of a summary that are no results of the case, and how names of wall times begin, which go last.
+NOT_RESULTS = ("schema_version", "exit_code", "ranks", "versions")
+WALL_TIMES = "seconds."
 #: Of these one at least is in every run folder.
 MARKS = ("summary.json", "history.csv", "checkpoints", "run.log")
 
@@ -29,6 +32,30 @@ def read_summary(folder: str | Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return content if isinstance(content, dict) else None
+
+
+#: Components of vectors and of symmetric tensors.
+AXES = {3: ("x", "y", "z"), 6: ("xx", "yy", "zz", "xy", "yz", "zx")}
+
+
+def numbers_of(summary: dict[str, Any]) -> dict[str, float]:
+    """All numbers of a summary by dotted name; probes without prefix, vectors by component, wall times last."""
+    found: dict[str, float] = {}
+
+    def visit(name: str, value: Any) -> None:
+        if isinstance(value, dict):
+            for key, item in value.items():
+                visit(f"{name}.{key}" if name and name != "probes" else key, item)
+        elif isinstance(value, list) and len(value) in AXES and all(isinstance(item, float) for item in value):
+            for axis, item in zip(AXES[len(value)], value, strict=True):
+                visit(f"{name}_{axis}", item)
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            found[name] = value
+
+    for key, value in summary.items():
+        if key not in NOT_RESULTS:
+            visit(key, value)
+    return dict(sorted(found.items(), key=lambda item: item[0].startswith(WALL_TIMES)))
 
 
 def read_history(path: str | Path) -> dict[str, np.ndarray]:
@@ -172,6 +199,17 @@ class RunFolder:
         if content is None:
             raise FileNotFoundError(f"{self.path} has no summary.json that can be read: the run has not ended.")
         return content
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """All numbers of the summary by dotted name: probes by their own, vectors by component, wall times last.
+
+        Raises
+        ------
+        FileNotFoundError
+            As `summary`.
+        """
+        return numbers_of(self.summary)
 
     @property
     def history(self) -> dict[str, np.ndarray]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.deck.table import show
+from pdfem_mpi.deck.table import leaves, show
 
 #: Keys that say nothing about the states a run goes through. A name stands for its table's keys too.
 FREE = ("title", "units", "probes", "output", "checkpoint")
@@ -35,8 +35,7 @@ MESH = "mesh, its nodes and cells"
 
 def identity(scene: Scene, share: Share) -> dict[str, Any]:
     """Every key of the scene by its dotted path, as JSON knows it, and a digest of the mesh and its regions."""
-    keys: dict[str, Any] = {}
-    _flatten(json.loads(scene.model_dump_json()), "", keys)
+    keys: dict[str, Any] = dict(leaves(json.loads(scene.model_dump_json())))
     keys[KINEMATICS] = keys[KINEMATICS] or "finite"  # as checkpoints had it when that was the default
     if scene.has_finite_elements and scene.kinematics == "finite":
         keys[ELEMENTS_BESIDE_BONDS if scene.has_peridynamics else ELEMENTS] = "finite"
@@ -105,17 +104,6 @@ def _may_fail(scene: Scene, share: Share) -> dict[str, bool]:
 
 def _held_now(key: str, then: Any, now: Any) -> bool:
     return key.startswith("regions.") and key.endswith(".may_fail") and then is True and now is None
-
-
-def _flatten(value: Any, path: str, keys: dict[str, Any]) -> None:
-    """Tables and lists of tables into dotted paths; lists of numbers stay whole."""
-    tables = isinstance(value, list) and value and all(isinstance(item, dict) for item in value)
-    if isinstance(value, dict) or tables:
-        items = value.items() if isinstance(value, dict) else enumerate(value)
-        for name, item in items:
-            _flatten(item, f"{path}.{name}" if path else f"{name}", keys)
-    else:
-        keys[path] = value
 
 
 def _is(key: str, names: tuple[str, ...]) -> bool:
