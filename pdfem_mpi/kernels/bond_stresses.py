@@ -23,11 +23,12 @@ GRADIENTS = 15
 
 
 @njit(**_options)
-def add_stresses(row_start, row_offset, row_data, S, expansion, finite, quanta, sums, top):
+def add_stresses(row_start, row_offset, row_data, S, expansion, Q, material, scale, finite, quanta, sums, top):
     """Add ``f (x) y`` and the energy of every bond to both of its points; ``y`` is the bond as it is now.
 
     ``f y = 2 K phi y y`` in finite kinematics, ``K' (eta . xi) xi xi`` in linear ones: symmetric. Half of it, over the
-    point's volume, is its share of Kirchhoff's stress, which is the stress itself where strains are small.
+    point's volume, is its share of Kirchhoff's stress, which is the stress itself where strains are small. A volumetric
+    part adds what the two points have in common (`volumetric_sweeps`) to the force; its energy is the points' own.
 
     Parameters
     ----------
@@ -37,6 +38,8 @@ def add_stresses(row_start, row_offset, row_data, S, expansion, finite, quanta, 
         The point table of the sweeps.
     expansion : float64, shape (n_clusters * 4,) or (0,), dimension 1
         Thermal strain of the points: a bond is stretched by what is beyond the mean of its ends. Linear kinematics.
+    Q, material, scale
+        As in `volumetric_sweeps`; without a volumetric part ``Q`` is empty.
     finite : bool
     quanta : float64, shape (2,), dimension force length
         Powers of two, of the stress and of the energy; 0 to measure only.
@@ -65,18 +68,25 @@ def add_stresses(row_start, row_offset, row_data, S, expansion, finite, quanta, 
                 gy = S[b + 4 * W] - S[own + 4 * W]
                 gz = S[b + 5 * W] - S[own + 5 * W]
                 work = dx * gx + dy * gy + dz * gz
+                other = first // (9 * W)
+                common = 0.0
+                if Q.size:
+                    common = Q[i] + Q[W * other + lane]
+                    if scale.shape[0] > 1:
+                        common *= scale[material[c], material[other]]
                 if finite:
                     e = work * np.float64(row_data[row * stride + W + lane])
                     square = max(1.0 + e, SMALLEST_SQUARE)
                     length = math.sqrt(square)
-                    strength = 0.5 * k * (max(e, SMALLEST_SQUARE - 1.0) / (square + length))
+                    phi = max(e, SMALLEST_SQUARE - 1.0) / (square + length)
+                    strength = 0.5 * k * (phi + (1.0 - phi) * common)
                     gx, gy, gz = gx + dx, gy + dy, gz + dz
                     terms[6] = k * e * work / ((1.0 + length) * (1.0 + length))
                 else:
+                    square = gx * gx + gy * gy + gz * gz
                     if expansion.size:
-                        theta = 0.5 * (expansion[i] + expansion[W * (first // (9 * W)) + lane])
-                        work -= theta * (gx * gx + gy * gy + gz * gz)
-                    strength = k * work
+                        work -= 0.5 * (expansion[i] + expansion[W * other + lane]) * square
+                    strength = k * (work + common * square)
                     terms[6] = 0.5 * k * work * work
                 terms[0], terms[1], terms[2] = strength * gx * gx, strength * gy * gy, strength * gz * gz
                 terms[3], terms[4], terms[5] = strength * gx * gy, strength * gy * gz, strength * gz * gx
@@ -86,7 +96,7 @@ def add_stresses(row_start, row_offset, row_data, S, expansion, finite, quanta, 
                     top[1] = max(top[1], abs(terms[6]))
                     continue
                 own_place = STRESSES * W * c + (i - c * W)
-                place = STRESSES * W * (first // (9 * W)) + lane
+                place = STRESSES * W * other + lane
                 for t in range(STRESSES):
                     term = np.int64(np.rint(terms[t] * (of_stress if t < 6 else of_energy)))
                     sums[own_place + W * t] += term
@@ -204,7 +214,9 @@ def add_gradients(row_start, row_offset, row_data, S, x, volume, cell_number, fi
 _f8, _i8 = types.float64[::1], types.int64[::1]
 _rows = _i8, types.uint32[::1], types.float32[::1]
 SIGNATURES = {
-    add_stresses: types.void(*_rows, _f8, _f8, types.boolean, _f8, _i8, _f8),
+    add_stresses: types.void(
+        *_rows, _f8, _f8, _f8, types.int16[::1], types.float64[:, ::1], types.boolean, _f8, _i8, _f8
+    ),
     add_thermal_forces: types.void(*_rows, _f8, _f8, _f8, _i8, _f8),
     add_gradients: types.void(*_rows, _f8, _f8, _f8, _i8, types.boolean, _f8, _i8, _f8),
 }

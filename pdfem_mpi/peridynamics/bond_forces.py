@@ -142,6 +142,10 @@ class BondForces:
         for rows in self.bonds.rows:
             add_energies(*rows.arrays, self.S.reshape(-1), self.bonds.finite, digits)
 
+    def beyond_stretch(self) -> tuple[tuple[np.ndarray, ...], np.ndarray | float]:
+        """For `virial`: what the forces of a point's bonds have in common, and the energy density that is its own."""
+        return (np.empty(0), np.empty(0, np.int16), np.ones((1, 1))), 0.0
+
     def displacements(self) -> np.ndarray:
         """Those of the owned points at the last evaluation, shape (n_owned * 8, 3), dimension length."""
         return point_rows(np.ascontiguousarray(self.S[: 2 * self.points.n_owned, 0:3]).reshape(-1))

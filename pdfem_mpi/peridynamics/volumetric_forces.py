@@ -111,6 +111,12 @@ class VolumetricForces(BondForces):
         weight = self.points.volume.reshape(-1, W)[: len(material)] * (0.5 * self.law.modulus[material])[:, None]
         add_products((weight * theta).reshape(-1), theta.reshape(-1), digits)
 
+    def beyond_stretch(self) -> tuple[tuple[np.ndarray, ...], np.ndarray | float]:
+        """As of `BondForces`: ``q`` of all points, and ``1/2 M theta^2``."""
+        theta = self.dilatation()
+        modulus = self.law.modulus[self.law.material[: len(theta)]]
+        return (self.q, *self.law.of_bonds), (0.5 * modulus[:, None] * theta**2).reshape(-1, 8)
+
     def dilatation(self) -> np.ndarray:
         """``theta`` of the owned points at the last evaluation, 0 where ``M`` is; shape (n_owned_clusters, 4)."""
         law = self.law
