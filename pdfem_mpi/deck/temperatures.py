@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Material, all_materials
+from pdfem_mpi.deck.materials import Material, all_materials
 from pdfem_mpi.deck.peridynamics import Peridynamics
 from pdfem_mpi.deck.table import Problem, Table, key, show
 
@@ -65,9 +65,6 @@ def check_temperature(
         text = 'strains bodies in linear kinematics alone. Use peridynamics.kinematics = "linear", or remove it.'
         problems.append(Problem("temperature", text))
     for where, table in tables.values():
-        if bonds and table.thermal_expansion is not None and table.poissons_ratio != BOND_POISSONS_RATIO:
-            text = f"= {show(table.poissons_ratio)} gives bonds a volumetric part, which no temperature strains yet."
-            problems.append(Problem(f"{where}.poissons_ratio", f"{text} Use 0.25, or finite elements alone."))
         if bonds and table.can_fail:
             name = "fracture_energy" if table.critical_stretch is None else "critical_stretch"
             text = "breaks bonds by their whole stretch, which a temperature would be a part of. Remove one of the two."

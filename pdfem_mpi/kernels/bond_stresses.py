@@ -104,8 +104,8 @@ def add_stresses(row_start, row_offset, row_data, S, expansion, Q, material, sca
 
 
 @njit(**_options)
-def add_thermal_forces(row_start, row_offset, row_data, x, expansion, quanta, sums, top):
-    """Add ``-K' theta |xi|^2 xi`` of every bond to its point i and take it from j: linear kinematics.
+def add_thermal_forces(row_start, row_offset, row_data, x, expansion, Q, material, scale, quanta, sums, top):
+    """Add ``-K' |xi|^2 (theta + Q_i + Q_j) xi`` of every bond to its point i and take it from j: linear kinematics.
 
     Parameters
     ----------
@@ -115,6 +115,8 @@ def add_thermal_forces(row_start, row_offset, row_data, x, expansion, quanta, su
         Positions in cluster layout.
     expansion : float64, shape (n_clusters * 4,), dimension 1
         Thermal strain of the points; ``theta`` is the mean of a bond's ends.
+    Q, material, scale
+        As in `volumetric_sweeps`, of dilatations by the thermal strain; without a volumetric part ``Q`` is empty.
     quanta : float64, shape (2,), dimension force
         The first is a power of two; 0 to measure only.
     sums : int64, shape (n_clusters * 12,)
@@ -138,7 +140,13 @@ def add_thermal_forces(row_start, row_offset, row_data, x, expansion, quanta, su
                 for d in range(3):
                     xi[d] = x[place + W * d] - x[own + W * d]
                     square += xi[d] * xi[d]
-                strength *= 0.5 * (expansion[i] + expansion[W * other + lane]) * square
+                strain = 0.5 * (expansion[i] + expansion[W * other + lane])
+                if Q.size:
+                    common = Q[i] + Q[W * other + lane]
+                    if scale.shape[0] > 1:
+                        common *= scale[material[i // W], material[other]]
+                    strain += common
+                strength *= strain * square
                 for d in range(3):
                     if measuring:
                         top[0] = max(top[0], abs(strength * xi[d]))
@@ -146,6 +154,37 @@ def add_thermal_forces(row_start, row_offset, row_data, x, expansion, quanta, su
                     term = np.int64(np.rint(strength * xi[d] * inverse))
                     sums[own + W * d] -= term
                     sums[place + W * d] += term
+
+
+@njit(**_options)
+def add_thermal_dilatations(row_start, row_offset, row_data, x, expansion, material, scale, quanta, sums, top):
+    """Add ``s K' theta |xi|^4`` of every bond to both of its points: the terms ``s k e`` of `dilatation_sweeps`.
+
+    Parameters are those of `add_thermal_forces`; ``sums`` has the shape (n_clusters * 4,).
+    """
+    measuring = quanta[0] == 0.0
+    inverse = 0.0 if measuring else 1.0 / quanta[0]
+    for i in range(row_start.size - 1):
+        own = 3 * W * (i // W) + i % W
+        for row in range(row_start[i], row_start[i + 1]):
+            other = np.int64(row_offset[row]) // (9 * W)
+            for lane in range(W):
+                strength = np.float64(row_data[row * W + lane])
+                if strength == 0.0:
+                    continue
+                square = 0.0
+                for d in range(3):
+                    along = x[3 * W * other + lane + W * d] - x[own + W * d]
+                    square += along * along
+                strength *= 0.5 * (expansion[i] + expansion[W * other + lane]) * square * square
+                if scale.shape[0] > 1:
+                    strength *= scale[material[i // W], material[other]]
+                if measuring:
+                    top[0] = max(top[0], abs(strength))
+                    continue
+                term = np.int64(np.rint(strength * inverse))
+                sums[i] += term
+                sums[W * other + lane] += term
 
 
 @njit(**_options)
@@ -213,10 +252,10 @@ def add_gradients(row_start, row_offset, row_data, S, x, volume, cell_number, fi
 
 _f8, _i8 = types.float64[::1], types.int64[::1]
 _rows = _i8, types.uint32[::1], types.float32[::1]
+_of_materials = types.int16[::1], types.float64[:, ::1]
 SIGNATURES = {
-    add_stresses: types.void(
-        *_rows, _f8, _f8, _f8, types.int16[::1], types.float64[:, ::1], types.boolean, _f8, _i8, _f8
-    ),
-    add_thermal_forces: types.void(*_rows, _f8, _f8, _f8, _i8, _f8),
+    add_stresses: types.void(*_rows, _f8, _f8, _f8, *_of_materials, types.boolean, _f8, _i8, _f8),
+    add_thermal_forces: types.void(*_rows, _f8, _f8, _f8, *_of_materials, _f8, _i8, _f8),
+    add_thermal_dilatations: types.void(*_rows, _f8, _f8, *_of_materials, _f8, _i8, _f8),
     add_gradients: types.void(*_rows, _f8, _f8, _f8, _i8, types.boolean, _f8, _i8, _f8),
 }

@@ -61,7 +61,8 @@ def mechanics_of_bonds(share: Share, forces: Forces, thermal: Thermal | None = N
     if not model.points:
         return None
     points, bonds = model.points, model.bonds
-    stress, energy = bond_stresses(model.comm, forces.of_bonds, thermal and thermal.of_points)
+    held = (thermal.of_points, thermal.common) if thermal else ()
+    stress, energy = bond_stresses(model.comm, forces.of_bonds, *held)
     gradient = displacement_gradients(model.comm, points, bonds, forces.of_bonds.S)
     strain = strain_of(gradient, model.finite)
     if model.finite:

@@ -142,8 +142,9 @@ class BondForces:
         for rows in self.bonds.rows:
             add_energies(*rows.arrays, self.S.reshape(-1), self.bonds.finite, digits)
 
-    def beyond_stretch(self) -> tuple[tuple[np.ndarray, ...], np.ndarray | float]:
-        """For `virial`: what the forces of a point's bonds have in common, and the energy density that is its own."""
+    def beyond_stretch(self, held: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray | float]:
+        """For `virial`: what the forces of a point's bonds have in common, less what a thermal strain gives them
+        (``held``, shape (n_clusters * 4,), or empty), and the energy density that is the point's own."""
         return (np.empty(0), np.empty(0, np.int16), np.ones((1, 1))), 0.0
 
     def displacements(self) -> np.ndarray:

@@ -22,7 +22,7 @@ FLAT = 1e-4
 
 
 def bond_stresses(
-    comm, forces: BondForces, expansion: np.ndarray | None = None
+    comm, forces: BondForces, expansion: np.ndarray | None = None, held: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stress (Kirchhoff's in finite kinematics) and strain-energy density at the owned points. Collective.
 
@@ -32,6 +32,8 @@ def bond_stresses(
         At their last evaluation; whatever else than their stretch bonds answer to is theirs to tell.
     expansion : float64, shape (n_clusters * 4,), optional
         Thermal strain of the local points, in linear kinematics.
+    held : float64, shape (n_clusters * 4,) or (0,), optional
+        What it gives the bonds of a point in common.
 
     Returns
     -------
@@ -42,7 +44,7 @@ def bond_stresses(
 
     points, bonds = forces.points, forces.bonds
     strain = np.empty(0) if expansion is None else expansion
-    common, of_points = forces.beyond_stretch()
+    common, of_points = forces.beyond_stretch(np.empty(0) if held is None else held)
     state = forces.S.reshape(-1), strain, *common, bonds.finite
 
     def add(rows, *numbers):
