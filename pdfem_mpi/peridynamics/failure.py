@@ -203,7 +203,7 @@ class Failure:
             On all ranks: some of them are not bonds of this scene.
         """
         total = len(broken) if total is None else total
-        wanted = _local_points(points, broken)
+        wanted = local_points(points, broken)
         for rows in bonds.rows:
             pairs, strengths = np.empty_like(wanted), np.empty(wanted.shape, np.float32)
             n = bond_failure.break_listed(wanted, *rows.arrays, bonds.finite, pairs, strengths)
@@ -231,7 +231,7 @@ def nowhere() -> np.ndarray:
     return np.array([[np.inf] * 3, [-np.inf] * 3])
 
 
-def _local_points(points: Points, ids: np.ndarray) -> np.ndarray:
+def local_points(points: Points, ids: np.ndarray) -> np.ndarray:
     """Local indices of pairs of points, images included, of which this rank owns one and sees both; int64, (m, 2)."""
     number = points.cell_key
     order = np.argsort(number, kind="stable")
