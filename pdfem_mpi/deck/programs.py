@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from pdfem_mpi.deck.amplitudes import amplitude_problems, between
+from pdfem_mpi.deck.amplitudes import amplitude_problems, between, through_nothing
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Interface, Material, all_materials
 from pdfem_mpi.deck.peridynamics import Peridynamics
@@ -159,6 +159,9 @@ class Events(Table):
         Batches between two rows of the history within an avalanche.
     tooth_ratio : float or None, above 1 to 2, dimension 1
         Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
+    times, load_factors : floats or None, dimension 1
+        A way of the load over a pseudo-time, straight from (0, 0) through these: up, down and to the other side. The
+        run ends at the last; None (default): the load rises as long as it takes.
     """
 
     kind: Literal["events"]
@@ -170,6 +173,31 @@ class Events(Table):
     control: Literal["load", "energy"] = key("load")
     report_every: int = key(10, ge=1)
     tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
+    times: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
+    load_factors: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
+
+    @property
+    def legs(self) -> list[tuple[float, float, bool]]:
+        """Ends of the straight parts of the way: time, load factor, and whether it is one of the deck's.
+
+        A part from one side to the other is divided at 0.
+        """
+        return through_nothing(self.times, self.load_factors)
+
+    def problems(self) -> list[Problem]:
+        """Times with load factors, where the load alone says how the program goes on and ends."""
+        if self.times is None and self.load_factors is None:
+            return []
+        if self.times is None or self.load_factors is None:
+            missing = "times" if self.times is None else "load_factors"
+            return [Problem(missing, "is missing: events take both times and load_factors, or neither. Add it.")]
+        problems = amplitude_problems(self.times, self.load_factors)
+        if self.end_load_factor is not None:
+            text = f"= {show(self.end_load_factor)} ends a load that rises, and times say how it goes. Keep one."
+            problems.append(Problem("end_load_factor", text))
+        if self.control == "energy":
+            problems.append(Problem("control", '= "energy" scales the load, and times prescribe it. Use "load".'))
+        return problems
 
     @property
     def n_steps(self) -> int | None:
@@ -253,6 +281,14 @@ def check_softening(
         for where, ratio in ratios
         if ratio != BOND_POISSONS_RATIO
     ]
+
+
+def check_events_over_time(stepping: Any, peridynamics: Peridynamics) -> list[Problem]:
+    """Loads that come and go from break to break: bodies that answer in proportion to them."""
+    if stepping.kind != "events" or stepping.times is None or peridynamics.kinematics == "linear":
+        return []
+    text = 'scales states with the load, which finite kinematics do not. Use peridynamics.kinematics = "linear".'
+    return [Problem("stepping.times", text)]
 
 
 def check_stepping_solver(stepping: Any, solver: Solver) -> list[Problem]:

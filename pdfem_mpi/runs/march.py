@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pdfem_mpi.measure.closing import measure_closing
 from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage
 from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.parallel.comm import on_root
@@ -87,6 +88,8 @@ class March:
         self.energy_error: float | None = None
         self.seconds = self.seconds_of_output = 0.0
         self._warned_of_strains = False
+        comes_back = getattr(simulation.scene.stepping, "times", None) is not None
+        self._looks_for_overlap = comes_back and simulation.failure is not None
 
     @property
     def arrays(self) -> tuple[Any, ...]:
@@ -141,6 +144,11 @@ class March:
         if report.elements and report.elements.warning and not self._warned_of_strains:
             self.reporter.line(report.elements.warning)
             self._warned_of_strains = True
+        if self._looks_for_overlap and simulation.failure.count:
+            closing = measure_closing(simulation.share, simulation.forces, simulation.failure)
+            if closing.warning:
+                self.reporter.line(closing.warning)
+                self._looks_for_overlap = False
         began = perf_counter()
         if self.wanted:
             ended.fields = simulation.fields(*simulation.scene.output.mechanical, probes=simulation.probe_reader)

@@ -21,6 +21,7 @@ from pdfem_mpi.stepping import arrest
 from pdfem_mpi.stepping.avalanche import Avalanche
 from pdfem_mpi.stepping.equilibria import bracket, equilibrate, scale, small_load
 from pdfem_mpi.stepping.ledger import NUMBERS, Ledger
+from pdfem_mpi.stepping.legs import follow_legs
 from pdfem_mpi.stepping.report import Report
 
 #: The first equilibrium is at least this tight: the load of the first break is read from it.
@@ -52,7 +53,11 @@ def follow_events(
     program = state.program
     while True:
         if program["stable"]:
-            goes_on = _load_to_break(avalanche)
+            if settings.times is not None:
+                yield from follow_legs(avalanche)
+                goes_on = program["leg"] < len(settings.legs)
+            else:
+                goes_on = _load_to_break(avalanche)
             program["stable"] = 0.0
             if not goes_on:
                 yield ledger.row("end")

@@ -28,8 +28,8 @@ from pdfem_mpi.stepping.steps import break_bonds
 #: What ``state.program`` keeps.
 NUMBERS = (
     "work", "released", "peak", "stable", "batches", "relative", "reaction", "sweeps", "told_sweeps", "size", "adrift",
-    "cuts", "apart", "fragments", "fresh", "first_reaction", "first_displacement", "first_row", "peak_displacement",
-    "peak_row", *arrest.NUMBERS,
+    "cuts", "apart", "fragments", "fresh", "leg", "first_reaction", "first_displacement", "first_row",
+    "peak_displacement", "peak_row", *arrest.NUMBERS,
 )  # fmt: skip
 
 

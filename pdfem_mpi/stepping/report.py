@@ -28,7 +28,8 @@ class Report:
         From 1.
     event : str
         ``"step"``; of a ramp ``"ramp"`` and ``"end"``; of events ``"critical"`` (in equilibrium, the next bond is about
-        to break), ``"batch"`` (within an avalanche), ``"arrest"`` (in equilibrium again) and ``"end"``.
+        to break), ``"batch"`` (within an avalanche), ``"arrest"`` (in equilibrium again), ``"turn"`` (where the way of
+        the load turns) and ``"end"``.
     load_factor : float
     displacement : float, dimension length
         Largest prescribed displacement or, under forces alone, their work over ``case.load``.
