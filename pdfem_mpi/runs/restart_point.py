@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pdfem_mpi.results.cursor import find_damage
 from pdfem_mpi.results.summary_file import check_summary
+from pdfem_mpi.runs.environment import environment
 from pdfem_mpi.runs.identity import differences, free_changes
 from pdfem_mpi.system.exit_codes import EXIT_NO_CHECKPOINT, EXIT_USAGE
 from pdfem_mpi.system.signals import Requests
-
-if TYPE_CHECKING:
-    pass
-from pdfem_mpi.runs.environment import environment
 
 FOLDER = "checkpoints"
 MOST_BYTES = 1 << 24  # of a summary

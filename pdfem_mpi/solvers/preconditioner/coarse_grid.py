@@ -92,7 +92,6 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
         Rigid motions that nothing holds, as combinations of translations and rotations.
     """
     comm, nodes, subdomain = intact.comm, intact.nodes, intact.subdomain
-    positions, cells = share.nodes, share.mesh.cells
     lower, upper = share.lower, share.upper
     spacing = COARSENING * share.typical_edge
     counts = np.maximum(1, np.rint((upper - lower) / spacing)).astype(np.int64)
@@ -102,28 +101,8 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
     counts = _nested(counts, n_halvings)
     h = (upper - lower) / counts
 
-    own = subdomain.elements
-    points = gauss_positions(positions[cells[own]])
-    where, xi = _locate(points.reshape(-1, 3), lower, h, counts)
-    modulus, nu = (np.repeat(v[own], 8) for v in (share.youngs_modulus, share.poissons_ratio))
-    stiffest = np.zeros(int(np.prod(counts)))
-    np.maximum.at(stiffest, where, modulus)
-    stiffest = largest(comm, stiffest)
-    quantum = MOMENT_QUANTUM * _power_of_two(stiffest)
     ratios = np.unique(share.materials.poissons_ratio)
-    moments = np.zeros((len(ratios) + 3, len(stiffest), 27), np.int64)
-    terms = modulus * gauss_volumes(positions[cells[own]]).reshape(-1)
-    for k, ratio in enumerate(ratios):
-        same = nu == ratio
-        add_moments(moments[k], where[same], xi[same], terms[same], quantum)
-
-    # a node belongs to its own grid cell or, where the body leaves that empty, to the one of a Gauss point beside it;
-    # always taking the latter would make the grid's functions of a mirror-symmetric body unsymmetric
-    beside = np.zeros((len(positions), 3))
-    for g, signs in enumerate(GAUSS_POINTS > 0):
-        a = [0, 1, 3, 2][signs[0] + 2 * signs[1]] + 4 * signs[2]
-        lowest_last = np.argsort(own)[::-1]
-        beside[cells[own[lowest_last], a]] = points[lowest_last, g]
+    stiffest, quantum, moments, beside = _moments_of_cells(share, subdomain.elements, lower, h, counts, ratios)
     where, _ = _locate(beside[subdomain.owned_nodes], lower, h, counts)
     own_cell, _ = _locate(nodes.x[: nodes.n_owned], lower, h, counts)
     where = np.where((stiffest > 0.0)[own_cell], own_cell, where)
@@ -144,14 +123,58 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
     weights = np.ones((len(where), 8))
     for d in range(3):
         weights *= np.where(CORNERS[:, d], xi[:, d, None], 1.0 - xi[:, d, None])
+    return Grid(corners, weights, n_nodes, _levels(number, matrix, counts, n_halvings), free)
+
+
+def _moments_of_cells(share: Share, own: np.ndarray, lower, h, counts, ratios):
+    """What the Gauss points of the rank's cells give to the grid. Collective.
+
+    Parameters
+    ----------
+    own : int64
+        The rank's cells.
+
+    Returns
+    -------
+    stiffest, quantum : float64, shape (n_grid_cells,)
+        Largest Young's modulus in each grid cell, and what its moments are rounded to.
+    moments : int64, shape (n_ratios + 3, n_grid_cells, 27)
+        Of Young's modulus for each of Poisson's ratios; the last three are 0.
+    beside : float64, shape (n_nodes, 3)
+        A Gauss point beside each node. A node belongs to its own grid cell or, where the body leaves that empty, to the
+        one of this point; always taking the latter would make the grid's functions of a mirror-symmetric body
+        unsymmetric.
+    """
+    positions, cells = share.nodes, share.mesh.cells
+    points = gauss_positions(positions[cells[own]])
+    where, xi = _locate(points.reshape(-1, 3), lower, h, counts)
+    modulus, nu = (np.repeat(v[own], 8) for v in (share.youngs_modulus, share.poissons_ratio))
+    stiffest = np.zeros(int(np.prod(counts)))
+    np.maximum.at(stiffest, where, modulus)
+    stiffest = largest(share.comm, stiffest)
+    quantum = MOMENT_QUANTUM * _power_of_two(stiffest)
+    moments = np.zeros((len(ratios) + 3, len(stiffest), 27), np.int64)
+    terms = modulus * gauss_volumes(positions[cells[own]]).reshape(-1)
+    for k, ratio in enumerate(ratios):
+        same = nu == ratio
+        add_moments(moments[k], where[same], xi[same], terms[same], quantum)
+    beside = np.zeros((len(positions), 3))
+    lowest_last = np.argsort(own)[::-1]
+    for g, signs in enumerate(GAUSS_POINTS > 0):
+        a = [0, 1, 3, 2][signs[0] + 2 * signs[1]] + 4 * signs[2]
+        beside[cells[own[lowest_last], a]] = points[lowest_last, g]
+    return stiffest, quantum, moments, beside
+
+
+def _levels(number: np.ndarray, matrix, counts: np.ndarray, n_halvings: int) -> tuple[Level, ...]:
+    """The grid's own level and the coarser ones below it, the last of them factorised."""
     levels = []
     for _ in range(n_halvings):
         below, prolongation = _prolongation(number, counts)
         levels.append(Level(None, matrix.tocsr(), DAMPING / matrix.diagonal(), prolongation))
         matrix = prolongation.T @ matrix @ prolongation
         number, counts = below, _halved(counts, 1)
-    levels.append(Level(factorise(matrix, number, counts)))
-    return Grid(corners, weights, n_nodes, tuple(levels), free)
+    return (*levels, Level(factorise(matrix, number, counts)))
 
 
 def _halved(counts: np.ndarray, times: int) -> np.ndarray:
