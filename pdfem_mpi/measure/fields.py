@@ -93,7 +93,7 @@ def gather_damage(
     remaining : Remaining, optional
         Of the calls before: without it all bonds are swept.
     failure : Failure, optional
-        Whose books tell ``remaining`` which bonds broke since; without it none did.
+        Its books say which bonds broke since the last call; without it none did.
 
     Returns
     -------

@@ -46,7 +46,7 @@ def finish(run: Run, march: March, start: RestartPoint, findings: Findings, size
     if ended.fields is not None:
         run.outputs.measure(ended.fields, simulation.state.load_factor)
     with phase(seconds, "output"):
-        if ended.code != EXIT_STOPPED:  # who stops a run is in a hurry
+        if ended.code != EXIT_STOPPED:  # a run that is asked to stop should stop soon
             on_root(comm, lambda: run.outputs.close())
     seconds["total"] = perf_counter() - run.started
     summary = None

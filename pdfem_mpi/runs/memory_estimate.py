@@ -65,7 +65,7 @@ def resident() -> int:
 
 
 def peak_resident() -> int:
-    """Largest `resident` since the process began or `forget_peak`; 0 where the system does not tell."""
+    """Largest `resident` since the process began or `forget_peak`; 0 where the system has no such number."""
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
     except OSError:

@@ -60,7 +60,7 @@ def describe_divergence(model: Model, found: str) -> str:
 
 @dataclass(frozen=True)
 class Sums:
-    """What one evaluation tells.
+    """What one evaluation found.
 
     Attributes
     ----------

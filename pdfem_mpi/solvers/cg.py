@@ -1,11 +1,12 @@
 """Preconditioned conjugate gradients on the scene's exact tangent.
 
-Linear kinematics need one solve, finite kinematics inexact Newton steps on the tangent of the finite bond forces: each
-solve ends where the tangent stops being true, as the last step's disagreement of true and recursive residual tells.
+Linear kinematics need one solve, finite kinematics inexact Newton steps on the tangent of the finite bond forces. Each
+solve ends where the tangent is no longer good enough, judged by how far true and recursive residual differed after the
+last step.
 
 The recurrences are those of Chronopoulos and Gear, whose dot products of an iteration are taken together after the one
-sweep; the norm of the next residual is summed while the vectors are updated, so that no sweep is spent on finding that
-nothing is left to do. Sums are exact, so iterates have the same bits on any number of ranks. The recursive residual is
+sweep; the norm of the next residual is summed while the vectors are updated, so that convergence is noticed without
+another sweep. Sums are exact, so iterates have the same bits on any number of ranks. The recursive residual is
 never trusted alone: convergence is declared on the true one.
 
 References
