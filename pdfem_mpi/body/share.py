@@ -21,7 +21,15 @@ from pdfem_mpi.body.materials import MaterialTable
 from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.body.overlap import describe_cracked_overlap
 from pdfem_mpi.body.selection import Selections, select_places
-from pdfem_mpi.body.subdomain import Subdomain, cut_out, locality_order, node_owners, partition, split_nodes
+from pdfem_mpi.body.subdomain import (
+    Subdomain,
+    count_neighbours,
+    cut_out,
+    locality_order,
+    node_owners,
+    partition,
+    split_nodes,
+)
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors
@@ -59,13 +67,12 @@ class Share:
     mesh : MeshPart
         In the deck's units.
     subdomain : Subdomain
-        Which cells and nodes the rank owns; places among those of the share.
+        Of places among the share's cells and nodes.
     cell_owner : int32, shape (n_cells,)
     units : ModelUnits
     nodes : float64, shape (n_nodes, 3)
-        Node positions in model units.
     lower, upper : float64, shape (3,)
-        Corners of the whole body's box, model units.
+        Positions in model units, and corners of the whole body's box.
     region, material : int16, shape (n_cells,)
     materials : MaterialTable
     is_peridynamic, has_points, is_overlap, has_stiffness : bool, shape (n_cells,)
@@ -203,8 +210,8 @@ class Share:
 
 
 def share_of(scene: Scene, comm: Intracomm, mesh: HexMesh | None = None) -> Share:
-    """This rank's share of a scene's body; see `discretize` for the mesh and for errors. Collective."""
-    return make_share(scene, discretize(scene, mesh), comm)
+    """This rank's share of a scene's body; see `discretize`. Collective."""
+    return make_share(scene, discretize(scene, mesh, comm), comm)
 
 
 def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
@@ -215,7 +222,7 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
     SceneError
         More ranks than cells.
     """
-    owner = partition(whole, comm.size)
+    owner = partition(whole, comm.size, count_neighbours(whole, comm))
     numbers = cut_out(whole, owner, comm.rank)
     seen = whole.mesh.neighbours(owner == comm.rank)
     seen[numbers.ghosts] = True

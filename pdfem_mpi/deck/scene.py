@@ -25,7 +25,14 @@ from pdfem_mpi.deck.loads import (
     check_support_references,
     check_tractions,
 )
-from pdfem_mpi.deck.materials import Interface, Material, check_contrast, check_material_names
+from pdfem_mpi.deck.materials import (
+    BOND_POISSONS_RATIO,
+    Interface,
+    Material,
+    all_materials,
+    check_contrast,
+    check_material_names,
+)
 from pdfem_mpi.deck.meshes import Mesh
 from pdfem_mpi.deck.outputs import (
     Checkpoint,
@@ -42,8 +49,10 @@ from pdfem_mpi.deck.peridynamics import (
     check_cracks,
     check_cutoff,
     check_fitted,
+    check_volumetric,
 )
 from pdfem_mpi.deck.programs import (
+    Events,
     Solver,
     Stepping,
     Steps,
@@ -100,6 +109,11 @@ class Scene(Table):
         return has_model(self.regions, "peridynamics")
 
     @property
+    def has_cycle(self) -> bool:
+        """Whether equilibria are found by conjugate gradients, with a cycle over all cells as preconditioner."""
+        return self.solver.kind == "cg" or isinstance(self.stepping, Events)
+
+    @property
     def has_finite_elements(self) -> bool:
         """Whether some region is described by finite elements."""
         return has_model(self.regions, "finite_elements")
@@ -108,6 +122,13 @@ class Scene(Table):
     def kinematics(self) -> Literal["linear", "finite"]:
         """Of bonds and elements; what ``peridynamics.kinematics`` stands for where it is not given."""
         return self.peridynamics.kinematics or ("finite" if self.has_peridynamics else "linear")
+
+    @property
+    def has_volumetric_part(self) -> bool:
+        """Whether bonds may have one: a region of bonds, or beside them, of another Poisson's ratio than 1/4."""
+        materials = {name: table for name, (_, table) in all_materials(self.material, self.materials).items()}
+        ratios = {materials[region.material].poissons_ratio for region in self.regions}
+        return self.has_peridynamics and ratios != {BOND_POISSONS_RATIO}
 
     @property
     def can_fail(self) -> bool:
@@ -138,6 +159,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("regions", "supports"), check_support_references),
     (("regions", "peridynamics", "loads"), check_tractions),
     (("mesh", "regions", "material", "materials", "peridynamics", "coupling"), check_fitted),
+    (("regions", "material", "materials", "peridynamics"), check_volumetric),
     (("mesh", "regions"), functools.partial(check_sets, "regions")),
     (("mesh", "loads"), functools.partial(check_sets, "loads")),
     (("mesh", "supports"), functools.partial(check_sets, "supports")),

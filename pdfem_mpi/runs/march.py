@@ -12,6 +12,7 @@ from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage, gathe
 from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.parallel.comm import on_root
 from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests, place_of
+from pdfem_mpi.parallel.traffic import TRAFFIC, join
 from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.runs.checkpoints import CheckpointWriter
 from pdfem_mpi.runs.history_rows import history_row
@@ -40,6 +41,8 @@ class Ending:
         Of the fields, where nothing asks for them.
     did_nothing : bool
         The time was over before the first step.
+    communication : dict or None
+        What the ranks sent and waited, on rank 0; None on one rank.
     """
 
     code: int = EXIT_FINISHED
@@ -48,6 +51,7 @@ class Ending:
     damage: np.ndarray | None = None
     digest: str | None = None
     did_nothing: bool = False
+    communication: dict[str, Any] | None = None
 
 
 class March:
@@ -92,6 +96,8 @@ class March:
         """Follow the load program to its end. Collective."""
         simulation, ended = self.simulation, self.ended
         state, began, timed = simulation.state, perf_counter(), False
+        evaluations = simulation.forces.evaluations
+        TRAFFIC.clear()
         over, first = state.program.pop("over", 0) and not self.changed, place_of(state)
         try:
             rows = 0
@@ -115,6 +121,8 @@ class March:
             timed = not stop.asked
         ended.did_nothing = ended.code == EXIT_STOPPED and timed and place_of(state) == first
         self.seconds = perf_counter() - began - self.seconds_of_output
+        evaluations = simulation.forces.evaluations - evaluations
+        ended.communication = join(simulation.comm, TRAFFIC.copy(), perf_counter() - began, evaluations)
         return ended
 
     def _watch(self, step, progress) -> None:

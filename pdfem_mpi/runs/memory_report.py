@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.deck.programs import Events, Ramp, Steps
+from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
@@ -30,9 +30,9 @@ from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 #: All parts, in the order in which they are counted: what two of them share belongs to the first.
 PARTS = (
     "mesh", "share_of_the_rank", "exchange", "mirror_images", "points", "bond_rows",
-    "bond_strengths", "bond_lengths", "bond_counts", "fitted_factors", "damage_weights", "nodes", "elements", "overlap",
-    "masses", "loads_and_supports", "state", "force_tables", "break_check", "break_records", "broken_bonds",
-    "intact_elements", "coarse_grid", "preconditioner_blocks", "checkpoint_copy", "output",
+    "bond_strengths", "bond_lengths", "dilatations", "bond_counts", "fitted_factors", "damage_weights", "nodes",
+    "elements", "overlap", "masses", "loads_and_supports", "state", "force_tables", "break_check", "break_records",
+    "broken_bonds", "intact_elements", "coarse_grid", "preconditioner_blocks", "checkpoint_copy", "output",
     "solver_vectors",
 )  # fmt: skip
 #: The same bytes on every rank count: each cell, node or bond is on one rank. Others have ghosts, rows that depend on
@@ -43,8 +43,7 @@ SHARED_OUT = ("damage_weights", "overlap", "masses", "state")
 def features_of(scene: Scene) -> frozenset[str]:
     """What a scene has, in the words of `kernels.warm_up.NEEDED_BY`."""
     bonds, settings = scene.has_peridynamics, scene.peridynamics
-    events = isinstance(scene.stepping, Events)
-    cg = scene.solver.kind == "cg" or events
+    cg = scene.has_cycle
     has = {
         "bonds": bonds,
         scene.kinematics: bonds,
@@ -58,6 +57,7 @@ def features_of(scene: Scene) -> frozenset[str]:
         "overlap": scene.is_coupled,
         "cg": cg,
         "adr": scene.solver.kind == "adr" or isinstance(scene.stepping, Ramp),
+        "volumetric": bonds and scene.has_volumetric_part,
         "elements": (scene.has_finite_elements and scene.kinematics == "linear") or cg,  # cg: those of the intact body
         "turning": scene.has_finite_elements and scene.kinematics == "finite",
     }
@@ -126,6 +126,8 @@ def _things(
             halos[0] = points.halo.halo
         yield "points", (points,)
         yield from bonds.storage().items()
+        if bonds.volumetric:
+            yield "dilatations", (bonds.volumetric, forces.of_bonds.q)
         yield "bond_counts", (bonds,)
     yield "exchange", tuple(halos)
     yield "fitted_factors", (model.body_fit,)
@@ -223,12 +225,13 @@ def left_out(scene: Scene, share: Share, failure: Failure | None, ranks: int) ->
         because(
             "no cell is peridynamic",
             "points", "bond_rows", "bond_strengths", "bond_lengths", "bond_counts", "damage_weights", "break_check",
-            "break_records", "broken_bonds", "fitted_factors", "mirror_images",
+            "break_records", "broken_bonds", "fitted_factors", "mirror_images", "dilatations",
         )  # fmt: skip
     if scene.kinematics == "linear":
         because('peridynamics.kinematics = "linear"', "bond_lengths")
     if scene.peridynamics.surface_correction != "fitted":
         because(f'peridynamics.surface_correction = "{scene.peridynamics.surface_correction}"', "fitted_factors")
+    because("Poisson's ratio of the bonds is 1/4", "dilatations")
     if failure is None:
         limited = scene.can_fail
         reason = "no region may fail" if limited else "no critical_stretch and no fracture_energy in the deck"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import platform
 import sys
 from dataclasses import asdict
@@ -12,6 +13,7 @@ import numpy as np
 
 from pdfem_mpi import __version__
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.model.model import Model
 from pdfem_mpi.peridynamics.fit.fit import BodyFit
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.notes import Findings
@@ -29,8 +31,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         After its end.
     findings : Findings
     facts : dict
-        What only the run knows: deck_text, fields_sha256, counts, bonds_per_rank, evaluations, seconds,
-        seconds_of_all_starts, memory.
+        What only the run knows: deck_text, fields_sha256, counts, bonds_per_rank, evaluations, memory, times.
     """
     simulation, checkpoints, ended = march.simulation, march.checkpoints, march.ended
     model, share = simulation.model, simulation.share
@@ -61,11 +62,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         },
         "restarts": checkpoints.restarts,
         "seconds_of_all_starts": facts["seconds_of_all_starts"],
-        "surface_correction": {
-            "kind": scene.peridynamics.surface_correction if share.cutoff else None,
-            "remaining": model.correction_remaining if share.cutoff else None,
-            "fit": fit_report(model.body_fit, findings.smallest_eigenvalue, findings.stable),
-        },
+        **_of_bonds(scene, model, findings),
         "failure": findings.failure,
         "bonds_cut_by_cracks": list(model.cut),
         "parts_at_start": {"count": simulation.case.parts.count, "not_held": len(simulation.case.unsupported)},
@@ -73,12 +70,27 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         "probes": march.outputs.results,
         "seconds": facts["seconds"],
         "memory": facts["memory"],
+        "communication": ended.communication,
         "versions": {
             "pdfem_mpi": __version__,
             "python": platform.python_version(),
             "numpy": np.__version__,
             "numba": sys.modules["numba"].__version__,
         },
+    }
+
+
+def _of_bonds(scene: Scene, model: Model, findings: Findings) -> dict[str, Any]:
+    """How bonds were corrected, and the volumetric part beside them; JSON knows no infinite limit."""
+    kind = scene.peridynamics.surface_correction
+    parts = [asdict(moment) for moment in model.moments]
+    return {
+        "surface_correction": {
+            "kind": kind if model.bonds else None,
+            "remaining": model.correction_remaining if model.bonds else None,
+            "fit": fit_report(model.body_fit, findings.smallest_eigenvalue, findings.stable),
+        },
+        "volumetric_part": [part | {"limit": part["limit"] if part["limit"] < math.inf else None} for part in parts],
     }
 
 
@@ -144,8 +156,21 @@ def end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
         rows.append((name.replace("_", " "), text + unit))
     seconds = summary["seconds"]
     rows.append(("seconds: set-up, solve, total", ", ".join(f"{seconds[k]:.1f}" for k in ("setup", "solve", "total"))))
+    if summary["communication"]:
+        rows.append(("between ranks", _describe_communication(summary["communication"])))
     rows.append(("peak memory per rank", f"{max(summary['memory']['peak_bytes_per_rank']) / 2**20:.0f} MiB"))
     return rows
+
+
+def _describe_communication(between: dict[str, Any]) -> str:
+    """Balance, waiting and what was sent, in words."""
+    computed, waited = (between[f"seconds_{what}"]["mean"] for what in ("computed", "waited"))
+    sent, size = (between[f"{what}_per_evaluation"]["mean"] for what in ("messages", "bytes"))
+    share = 100.0 * waited / max(computed + waited, 1e-9)
+    return (
+        f"the busiest computed {between['imbalance']:.2f} times the mean, {share:.0f} % of the time was waited, "
+        f"{sent:.0f} messages and {size / 2**10:.0f} KiB sent a rank and evaluation"
+    )
 
 
 def sha256(text: str) -> str:

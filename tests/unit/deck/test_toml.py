@@ -335,7 +335,7 @@ def test_missing_key_has_an_example():
         ("loads.0.face=left", 'Use one of "x-", "x+", "y-", "y+", "z-", "z+".'),
         ("loads.0.density=[1, 0, 0]", "must have either density or total, and has both"),
         ("mesh.spacing=0.07", "0.07 does not divide the box's sides x = 2 and y = 0.4 and z = 0.4"),
-        ("material.poissons_ratio=0.3", "0.3 is not 1/4"),
+        ("material.poissons_ratio=0.495", "0.495 is out of range for bonds"),
         ("peridynamics.cutoff_radius=0.05", "0.05 is below mesh.spacing = 0.1"),
     ],
 )
@@ -415,7 +415,7 @@ def test_all_problems_are_reported_at_once():
     messages = problems(
         SOUND,
         "material.youngs_modulus=stiff",
-        "material.poissons_ratio=0.3",
+        "material.poissons_ratio=0.495",
         "mesh.spacng=1",
         "peridynamics.internal_length=0.2",
         "peridynamics.cutoff_radius=0.05",
