@@ -38,6 +38,8 @@ class Material(Table):
         ``s_0`` of eq. (4): bonds beyond it break.
     fracture_energy : float or None, > 0, dimension force / length
         ``G_c``, which gives ``s_0`` by the bonds that a plane cuts. At most one of the two; None (default): no failure.
+    thermal_expansion : float or None, dimension 1 / temperature
+        Strain of a free body per change of temperature; see the table ``[temperature]``.
 
     Examples
     --------
@@ -49,6 +51,7 @@ class Material(Table):
     poissons_ratio: float = key(BOND_POISSONS_RATIO, gt=-1, lt=0.5, dimension="1")
     critical_stretch: float | None = key(None, gt=0, dimension="1")
     fracture_energy: float | None = key(None, gt=0, dimension="force / length")
+    thermal_expansion: float | None = key(None, dimension="1 / temperature")
 
     def problems(self) -> list[Problem]:
         """At most one of critical stretch and fracture energy."""

@@ -33,6 +33,7 @@ from pdfem_mpi.deck.materials import (
     check_contrast,
     check_material_names,
 )
+from pdfem_mpi.deck.mechanical_probes import check_energy_release, check_set_probes
 from pdfem_mpi.deck.meshes import Mesh
 from pdfem_mpi.deck.outputs import (
     Checkpoint,
@@ -69,6 +70,7 @@ from pdfem_mpi.deck.regions import (
     has_model,
 )
 from pdfem_mpi.deck.table import FieldMissing, Problem, Table, Units, key
+from pdfem_mpi.deck.temperatures import Temperature, check_temperature
 
 
 class Scene(Table):
@@ -93,6 +95,7 @@ class Scene(Table):
     coupling: Coupling = Field(default_factory=Coupling)
     loads: tuple[Load, ...] = key(())
     supports: tuple[Support, ...] = key(())
+    temperature: Temperature | None = key(None)
     solver: Solver = Field(default_factory=Solver)
     stepping: Stepping = Field(default_factory=Steps)
     probes: tuple[Probe, ...] = key(())
@@ -166,6 +169,10 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("mesh", "loads"), check_mirrored_loads),
     (("mesh", "supports"), check_mirrored_supports),
     (("mesh", "probes"), check_mirrored_bars),
+    (("temperature", "material", "materials", "peridynamics", "regions"), check_temperature),
+    (("mesh", "probes"), functools.partial(check_sets, "probes")),
+    (("regions", "probes"), check_set_probes),
+    (("cracks", "material", "materials", "temperature", "probes"), check_energy_release),
 )
 
 

@@ -105,7 +105,7 @@ def parse_tables(data: dict[str, Any], name: str, overrides: Sequence[str] | Map
             overridden.add(apply(data, override))
         except OverrideProblem as problem:
             messages.append(f"--set {override.text}: {problem}")
-    _resolve_mesh_path(data, Path(name).parent)
+    _resolve_paths(data, Path(name).parent)
     data, beyond = find_limits(data)
     scene, problems = _validate(_freeze(data), {problem.key for problem in beyond})
     problems = beyond + problems
@@ -124,11 +124,12 @@ def _shortened(sentence: str) -> str:
     return sentence if len(sentence) <= LONGEST_SENTENCE else f"{sentence[: LONGEST_SENTENCE - 4]} ..."
 
 
-def _resolve_mesh_path(data: dict[str, Any], folder: Path) -> None:
-    """Make the path of a mesh file absolute: the deck is copied to the run folder, the mesh is not."""
-    mesh = data.get("mesh")
-    if isinstance(mesh, dict) and isinstance(mesh.get("path"), str) and mesh["path"]:
-        mesh["path"] = os.path.abspath(folder / mesh["path"])
+def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
+    """Make the paths of files absolute: the deck is copied to the run folder, these are not."""
+    for table, key in (("mesh", "path"), ("temperature", "file")):
+        entry = data.get(table)
+        if isinstance(entry, dict) and isinstance(entry.get(key), str) and entry[key]:
+            entry[key] = os.path.abspath(folder / entry[key])
 
 
 def _freeze(value: Any) -> Any:
@@ -171,7 +172,8 @@ def _validate(data: dict[str, Any], beyond: set[str]) -> tuple[Scene | None, lis
         wrong = {walk(item["loc"], data).path for item in errors} | beyond
         tables, more = partial_tables(wrong, data)
         problems += [problem for problem in more + find_problems(tables) if problem not in problems]
-    if "loads" in tables and "supports" in tables and not tables["loads"] and not tables["supports"]:
+    acting = [tables.get(name, True) for name in ("loads", "supports", "temperature")]
+    if not any(acting):
         problems.append(
             Problem("loads", "and supports are both empty: nothing would move. Add [[loads]] or [[supports]].")
         )

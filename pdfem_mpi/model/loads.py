@@ -22,6 +22,7 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import combine, free_motions, rigid_gram, rigid_modes
 from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsupported
 from pdfem_mpi.model.supports import prescribe
+from pdfem_mpi.model.thermal import Thermal, make_thermal
 from pdfem_mpi.model.tractions import traction_forces
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.clusters import cluster_layout
@@ -56,6 +57,8 @@ class LoadCase:
         Largest prescribed displacement.
     load : float, dimension force
         Resultant of the external forces that push one way (those along the axes, or those against them).
+    thermal : Thermal or None
+        The strain of a change of temperature, whose forces are part of ``external``.
     taken : float64, shape (3,), dimension force
         Sums of the forces along x, y and z that loads put on held places, where supports take them at once; NaN where
         there are none.
@@ -74,6 +77,7 @@ class LoadCase:
     reach: float
     load: float
     taken: np.ndarray
+    thermal: Thermal | None = None
 
 
 def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
@@ -131,7 +135,15 @@ def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
     )
     if messages := find_unbalanced(model, free, parts, unsupported, external):
         raise SceneError(messages)
-    return case
+    return _with_thermal(scene, share, model, case)
+
+
+def _with_thermal(scene: Scene, share: Share, model: Model, case: LoadCase) -> LoadCase:
+    """The load case with the forces of thermal strain, which are in balance by themselves. Collective."""
+    thermal = make_thermal(scene, share, model)
+    if thermal is None:
+        return case
+    return replace(case, external=case.external + np.where(case.fixed, 0.0, thermal.forces), thermal=thermal)
 
 
 def _sum_loads(scene: Scene, share: Share, fitted: bool, messages: list[str]):

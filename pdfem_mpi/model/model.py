@@ -140,7 +140,7 @@ def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, .
         if remaining > CONVERGED:
             virial = scene.peridynamics.surface_correction != "appendix_a"
             most_uneven = most_uneven_point(comm, points, share.materials, bonds, virial)
-        if scene.output.damage:
+        if scene.output.has_damage:
             intact_weights = family_weights(comm, points, bonds)
         if scene.can_fail:
             own_energy = energy_of_own_bonds(comm, scene, share, points, bonds)

@@ -34,6 +34,10 @@ def read_summary(folder: str | Path) -> dict[str, Any] | None:
     return content if isinstance(content, dict) else None
 
 
+#: Components of vectors and of symmetric tensors.
+AXES = {3: ("x", "y", "z"), 6: ("xx", "yy", "zz", "xy", "yz", "zx")}
+
+
 def numbers_of(summary: dict[str, Any]) -> dict[str, float]:
     """All numbers of a summary by dotted name; probes without prefix, vectors by component, wall times last."""
     found: dict[str, float] = {}
@@ -42,8 +46,8 @@ def numbers_of(summary: dict[str, Any]) -> dict[str, float]:
         if isinstance(value, dict):
             for key, item in value.items():
                 visit(f"{name}.{key}" if name and name != "probes" else key, item)
-        elif isinstance(value, list) and len(value) == 3 and all(isinstance(item, float) for item in value):
-            for axis, item in zip("xyz", value, strict=True):
+        elif isinstance(value, list) and len(value) in AXES and all(isinstance(item, float) for item in value):
+            for axis, item in zip(AXES[len(value)], value, strict=True):
                 visit(f"{name}_{axis}", item)
         elif isinstance(value, int | float) and not isinstance(value, bool):
             found[name] = value
@@ -108,6 +112,11 @@ class Frames:
         """What the frames hold, such as ``displacement`` and ``damage``."""
         return vtkhdf.frame_fields(self.path)
 
+    @property
+    def cell_names(self) -> list[str]:
+        """What they hold of the cells of elements, such as ``stress``."""
+        return vtkhdf.frame_fields(self.path, "CellData")
+
     def field(self, name: str, frame: int = -1) -> np.ndarray:
         """A field of one frame; negative frames count from the last.
 
@@ -127,12 +136,19 @@ class Frames:
         IndexError
             There is no such frame.
         """
+        return self._read(name, frame, "PointData", self.names)
+
+    def of_cells(self, name: str, frame: int = -1) -> np.ndarray:
+        """A field of the cells of elements, one of `cell_names`; as `field`, with a row for each cell."""
+        return self._read(name, frame, "CellData", self.cell_names)
+
+    def _read(self, name: str, frame: int, kind: vtkhdf.Kind, known: list[str]) -> np.ndarray:
         count = vtkhdf.frames(self.path)
         if not -count <= frame < count:
             raise IndexError(f"{self.path} has {count} frames, and no frame {frame}.")
-        if name not in self.names:
-            raise KeyError(f"{self.path} holds {', '.join(self.names)}, and no {name}.")
-        return vtkhdf.read_frame(self.path, name, frame % count)
+        if name not in known:
+            raise KeyError(f"{self.path} holds {', '.join(known) or 'nothing'}, and no {name}.")
+        return vtkhdf.read_frame(self.path, name, frame % count, kind)
 
     def displacement(self, frame: int = -1) -> np.ndarray:
         """Displacements of a frame, float32, shape (n, 3), dimension length."""

@@ -28,7 +28,7 @@ HELD_NOW = (
     "as before, or begin anew"
 )
 #: Where the load goes: what was done already must stay.
-LOAD_FACTORS = "stepping.load_factors"
+LOAD_FACTORS, TIMES = "stepping.load_factors", "stepping.times"
 #: Stands for the mesh itself among the keys.
 MESH = "mesh, its nodes and cells"
 
@@ -46,7 +46,7 @@ def identity(scene: Scene, share: Share) -> dict[str, Any]:
 
 def sha256(keys: Mapping[str, Any]) -> str:
     """Digest of the keys that define the scene: equal for runs that may continue each other."""
-    defining = {key: value for key, value in keys.items() if not _is(key, FREE + MAY_CHANGE + (LOAD_FACTORS,))}
+    defining = {key: value for key, value in keys.items() if not _is(key, FREE + MAY_CHANGE + (LOAD_FACTORS, TIMES))}
     return hashlib.sha256(json.dumps(defining, sort_keys=True).encode()).hexdigest()
 
 
@@ -68,6 +68,7 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any], steps_done: int
         Changes that may be made.
     """
     refused, allowed = [], []
+    done = -(-steps_done // (now.get("stepping.increments") or 1))
     for key in dict.fromkeys((*then, *now)):
         a, b = then.get(key), now.get(key)
         if a == b or _is(key, FREE):
@@ -75,7 +76,7 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any], steps_done: int
         values = "differs" if key == MESH else f"was {_show(then, key)}, the deck has {_show(now, key)}"
         if _held_now(key, a, b):
             values += f", {HELD_NOW.format(key=key)}"
-        if _is(key, MAY_CHANGE) or (key == LOAD_FACTORS and a and b and a[:steps_done] == b[:steps_done]):
+        if _is(key, MAY_CHANGE) or (key in (LOAD_FACTORS, TIMES) and a and b and a[:done] == b[:done]):
             allowed.append(f"{key} {values}")
         else:
             refused.append(f"{key} {values}")

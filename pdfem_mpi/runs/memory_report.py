@@ -52,7 +52,8 @@ def features_of(scene: Scene) -> frozenset[str]:
         "fitted": bonds and settings.surface_correction == "fitted",
         "noise": settings.stiffness_noise > 0.0,
         "cracks": bool(scene.cracks),
-        "damage": scene.output.damage,
+        "damage": scene.output.has_damage,
+        "stresses": bonds and bool(scene.output.mechanical),
         "mirrors": bool(scene.mesh.symmetry),
         "overlap": scene.is_coupled,
         "cg": cg,
@@ -240,7 +241,7 @@ def left_out(scene: Scene, share: Share, failure: Failure | None, ranks: int) ->
         because("no bond broke", "broken_bonds")
     if not scene.mesh.symmetry:
         because("mesh.symmetry is empty", "mirror_images")
-    if not scene.output.damage:
+    if not scene.output.has_damage:
         because("output.damage = false", "damage_weights")
     if not counts.node_cells:
         because("no cell is a finite element", "nodes", "elements", "overlap")
@@ -250,7 +251,7 @@ def left_out(scene: Scene, share: Share, failure: Failure | None, ranks: int) ->
         because("no cell is a finite element", "elements")
     if scene.solver.kind != "cg":
         because(f'solver.kind = "{scene.solver.kind}"', "intact_elements", "coarse_grid", "preconditioner_blocks")
-    if isinstance(scene.stepping, Steps) and len(scene.stepping.load_factors) == 1:
+    if isinstance(scene.stepping, Steps) and scene.stepping.n_steps == 1:
         because("one load step: there is no earlier state to keep", "checkpoint_copy")
     if not (scene.output.fields or scene.probes):
         because("output.fields = false, and no probes", "output")

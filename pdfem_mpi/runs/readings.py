@@ -12,7 +12,9 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.cells import Cells, list_cells
 from pdfem_mpi.measure.fields import Fields, NodalForces, gather_damage, gather_fields, gather_forces
 from pdfem_mpi.measure.geometry import gather_geometry
+from pdfem_mpi.measure.probed import ProbeReader
 from pdfem_mpi.model.forces import Forces
+from pdfem_mpi.model.loads import LoadCase
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import State
 from pdfem_mpi.peridynamics.bond_list import BondList, list_bonds
@@ -27,7 +29,9 @@ class Readings:
     share: Share
     model: Model
     state: State
+    case: LoadCase
     forces: Forces
+    probe_reader: ProbeReader
     failure: Failure | None
     _evaluated: bool
 
@@ -42,11 +46,17 @@ class Readings:
         self._evaluated = True
         return force
 
-    def fields(self) -> Fields | None:
-        """Displacements of all points and nodes; None except on rank 0."""
+    def fields(self, *names: str, probes: ProbeReader | None = None) -> Fields | None:
+        """Displacements, and fields of these names (see ``docs/results.md``); None except on rank 0."""
         if not self._evaluated:
             self.evaluate()
-        return gather_fields(self.share, self.forces, self.state.u)
+        thermal = self.case.thermal and self.case.thermal.at(self.state.load_factor)
+        return gather_fields(self.share, self.forces, self.state.u, names, probes, thermal)
+
+    def probes(self) -> dict[str, Any] | None:
+        """What the scene's probes of points, sets and cuts read at the state, by name; None except on rank 0."""
+        fields = self.fields(probes=self.probe_reader)
+        return fields and fields.probed
 
     def internal_forces(self) -> NodalForces | None:
         """Forces by which bonds and elements resist the displacements, at points and nodes; None except on rank 0.

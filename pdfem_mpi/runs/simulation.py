@@ -14,6 +14,7 @@ from pdfem_mpi.deck.loads import Load, Support
 from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.measure.probed import ProbeReader
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import make_load_case
@@ -91,6 +92,7 @@ class Simulation(Readings):
         self.state = new_state(self.model)
         self.forces = Forces(self.model, self.state.bounds, evaluations=evaluations)
         self.failure = make_failure(scene, self.share, self.model)
+        self.probe_reader = ProbeReader(scene, self.share, self.model)
         self.solver: EquilibriumSolver | None = None
         self._evaluated = False
 
@@ -109,12 +111,8 @@ class Simulation(Readings):
     def steps(self, watch: Watch = ignore) -> Iterator[dict[str, Any]]:
         """Follow the scene's load program, and yield a row at each of its equilibria: the columns of history.csv.
 
-        ``watch`` is called with the step and the progress of every iteration.
-
-        Raises
-        ------
-        NotConverged, NotFinite
-            No equilibrium was found.
+        ``watch`` is called with the step and the progress of every iteration. Raises NotConverged or NotFinite where
+        no equilibrium is found.
         """
         for report in self.follow(watch):
             yield self.row(report)
@@ -135,10 +133,7 @@ class Simulation(Readings):
     def change_loads(self, loads: Sequence[Load] | None = None, supports: Sequence[Support] | None = None) -> None:
         """Replace the scene's loads or supports; displacements and broken bonds stay.
 
-        Raises
-        ------
-        SceneError
-            On all ranks; the loads before are kept.
+        Raises SceneError on all ranks, and keeps the loads before.
         """
         changed: dict[str, Any] = {}
         if loads is not None:

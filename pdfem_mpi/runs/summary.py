@@ -6,6 +6,7 @@ import hashlib
 import math
 import platform
 import sys
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -151,6 +152,9 @@ def end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
         rows.append(("net internal force, moment", f"{balance['force']:.1e}, {balance['moment']:.1e} of the sums"))
     length = scene.units.length
     for name, value in summary["probes"].items():
+        if isinstance(value, dict):
+            rows += [(f"{name}, {word}".replace("_", " "), text) for word, text in _nested(value)]
+            continue
         unit = f" {length}" if isinstance(value, list) or name == "end_displacement" else ""
         text = ", ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else f"{value:.6g}"
         rows.append((name.replace("_", " "), text + unit))
@@ -171,6 +175,18 @@ def _describe_communication(between: dict[str, Any]) -> str:
         f"the busiest computed {between['imbalance']:.2f} times the mean, {share:.0f} % of the time was waited, "
         f"{sent:.0f} messages and {size / 2**10:.0f} KiB sent a rank and evaluation"
     )
+
+
+def _nested(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Words and numbers of what a probe found by name; means of what it found over a set."""
+    for word, value in found.items():
+        if value is None:
+            continue
+        values = value["mean"] if isinstance(value, dict) else value if isinstance(value, list) else [value]
+        yield (
+            f"mean {word}" if isinstance(value, dict) else word,
+            ", ".join("-" if v is None else f"{v:.6g}" for v in values),
+        )
 
 
 def sha256(text: str) -> str:
