@@ -109,7 +109,7 @@ class Starts:
                     self.path.unlink(missing_ok=True)
 
     def _write(self, line: dict[str, Any]) -> None:
-        """Append a line; a disk that takes none does not stop the run. What is there of another run waits."""
+        """Append a line; a full disk does not stop the run. A run that begins anew keeps its lines until `commit`."""
         if self._anew:
             self._lines.append(line)
             return

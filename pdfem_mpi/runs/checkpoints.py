@@ -1,4 +1,4 @@
-"""Checkpoints of a run: which to start from, and how all ranks write one together. Promise: docs/restart.md."""
+"""Checkpoints of a run: how all ranks write one together, and what it holds. docs/restart.md says what is promised."""
 
 from __future__ import annotations
 
@@ -215,7 +215,7 @@ def remove_old(folder: Path, keep: int) -> None:
 
 
 def _finish(comm, writer, header: dict[str, Any], before: tuple[int, Exception | None]):
-    """Finish the file on rank 0, while the others hear that it goes on; its size, and what went wrong. Collective."""
+    """Finish the file on rank 0, whose work keeps all watchdogs quiet; its size, and what went wrong. Collective."""
     found = [before]
 
     def finish(beat):

@@ -110,7 +110,7 @@ def describe_nothing(start_up: float, idle: int) -> str:
 
 
 def describe_taken(force: np.ndarray, unit: str) -> str:
-    """A sentence about loads on held places; force (3,), NaN along axes where there are none."""
+    """A sentence about loads on supported places; force (3,), NaN along axes where there are none."""
     parts = [f"{value:.6g}{' ' + unit if unit else ''} along {axis}" for value, axis in zip(force, "xyz", strict=True)
              if not np.isnan(value)]  # fmt: skip
     return f"loads of {', '.join(parts)} act on held places: their supports take them, and reactions do not count them"
