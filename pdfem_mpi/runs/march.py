@@ -68,7 +68,7 @@ class March:
     checkpoints : CheckpointWriter
     stop_requests : StopRequests
     changed : bool
-        The deck is not that of the checkpoint: a program that was over may go on.
+        The deck is not that of the checkpoint: a load program that had ended may go on.
     """
 
     def __init__(
