@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from pdfem_mpi.deck.cracks import AnyCrack
 from pdfem_mpi.deck.loads import (
     Load,
     Support,
@@ -37,7 +38,6 @@ from pdfem_mpi.deck.outputs import (
 )
 from pdfem_mpi.deck.peridynamics import (
     Coupling,
-    Crack,
     Peridynamics,
     check_cracks,
     check_cutoff,
@@ -80,7 +80,7 @@ class Scene(Table):
     interfaces: tuple[Interface, ...] = key(())
     regions: tuple[Region, ...] = key(min_length=1, remedy="Add at least one table [[regions]] with name and model.")
     peridynamics: Peridynamics = Field(default_factory=Peridynamics)
-    cracks: tuple[Crack, ...] = key(())
+    cracks: tuple[AnyCrack, ...] = key(())
     coupling: Coupling = Field(default_factory=Coupling)
     loads: tuple[Load, ...] = key(())
     supports: tuple[Support, ...] = key(())

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 Vector = tuple[float, float, float]
+Pair = tuple[float, float]
 Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
 AXES = ("x", "y", "z")
 LONGEST_NAME = 200  # characters: line_NAME.png.tmp is a file, whose name may have 255 bytes

@@ -27,6 +27,8 @@ HELD_NOW = (
     "since bonds between two points of the overlap no longer break unless the deck says so: set {key} = true to go on "
     "as before, or begin anew"
 )
+#: Tables, keys and defaults that came later than the first checkpoints: they say what these mean.
+NEWER_DEFAULTS = (("mesh", "remove", []), ("cracks", "kind", "polygon"))
 #: Where the load goes: what was done already must stay.
 LOAD_FACTORS = "stepping.load_factors"
 #: Stands for the mesh itself among the keys.
@@ -41,6 +43,7 @@ def identity(scene: Scene, discretization: Discretization) -> dict[str, Any]:
     if scene.has_finite_elements and scene.kinematics == "finite":
         keys[ELEMENTS_BESIDE_BONDS if scene.has_peridynamics else ELEMENTS] = "finite"
     keys |= _may_fail(scene, discretization)
+    keys = {key: value for key, value in keys.items() if not _is_newer_default(key, value)}
     total = hashlib.sha256()
     for array in (discretization.nodes, discretization.mesh.cells, discretization.region):
         total.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
@@ -103,6 +106,12 @@ def _may_fail(scene: Scene, discretization: Discretization) -> dict[str, bool]:
         for index, region in enumerate(scene.regions)
         if region.may_fail is None and (region.model == "peridynamics" or index not in overlap)
     }
+
+
+def _is_newer_default(key: str, value: Any) -> bool:
+    """Whether a key says by its default what checkpoints without the key mean."""
+    table, _, name = key.rpartition(".")
+    return (table.split(".")[0], name, value) in NEWER_DEFAULTS
 
 
 def _held_now(key: str, then: Any, now: Any) -> bool:
