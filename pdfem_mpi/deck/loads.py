@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 from pdfem_mpi.deck.meshes import Mesh, corner_problems
 from pdfem_mpi.deck.peridynamics import Peridynamics
 from pdfem_mpi.deck.regions import Region, has_model
-from pdfem_mpi.deck.table import MOST_HINTS, Face, Problem, Table, Vector, did_you_mean, key, show
+from pdfem_mpi.deck.table import MOST_HINTS, Face, Problem, Table, Vector, did_you_mean, key, plain_name, show
 
 
 class _Selection(Table):
@@ -110,17 +110,20 @@ class Support(_Selection):
     region, face, set, layers, lower, upper
         Where, as for a body force. On finite elements a face or a set selects its nodes, on peridynamic cells the
         points of ``layers`` layers of cells beneath it.
+    name : str or None
+        Its force on the body is in history.csv then: ``NAME.force_x``, ``NAME.force_y`` and ``NAME.force_z``.
     x, y, z : float or None, dimension length
         Prescribed components, reached at load factor 1; None (default) leaves a component free.
     """
 
+    name: str | None = key(None)
     x: float | None = key(None, dimension="length")
     y: float | None = key(None, dimension="length")
     z: float | None = key(None, dimension="length")
 
     def problems(self) -> list[Problem]:
         """One selection, and something prescribed."""
-        problems = super().problems()
+        problems = super().problems() + plain_name(self.name)
         if self.x is None and self.y is None and self.z is None:
             problems.append(Problem("", "prescribes nothing. Give at least one of x, y and z."))
         return problems

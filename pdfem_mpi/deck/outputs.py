@@ -8,9 +8,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from pdfem_mpi.deck.directions import no_direction, unit
 from pdfem_mpi.deck.meshes import Mesh
 from pdfem_mpi.deck.regions import Region, has_model, repeated_names
-from pdfem_mpi.deck.table import Problem, Table, Vector, key, show
+from pdfem_mpi.deck.table import Problem, Table, Vector, key, plain_name, show
 
 #: Results of a bar probe, listed beside those of other probes.
 BAR_RESULTS = (
@@ -25,11 +26,20 @@ BAR_RESULTS = (
 
 
 class DisplacementProbe(Table):
-    """Displacement at a named point; a ``[[probes]]`` table with ``kind = "displacement"``."""
+    """Displacement at a named point; a ``[[probes]]`` table with ``kind = "displacement"``.
+
+    Its columns in history.csv are ``NAME.u_x``, ``NAME.u_y`` and ``NAME.u_z``.
+    """
 
     kind: Literal["displacement"]
     name: str = key(min_length=1, remedy="Give the probe a name; results are listed under it.")
     point: Vector = key(dimension="length", remedy="Give the point, for example [5.0, 0.0, 0.0].")
+
+    def problems(self) -> list[Problem]:
+        """A name on one line: columns are called by it."""
+        if "\n" not in self.name and "\r" not in self.name:
+            return []
+        return [Problem("name", f"= {show(self.name)} has a line break, and columns are called by it. Take it out.")]
 
 
 class BarProbe(Table):
@@ -82,7 +92,41 @@ class LineProbe(Table):
         return problems
 
 
-Probe = Annotated[DisplacementProbe | BarProbe | LineProbe, Field(discriminator="kind")]
+class OpeningProbe(Table):
+    """How far two points move apart; a ``[[probes]]`` table with ``kind = "opening"``: a CMOD, for instance.
+
+    Attributes
+    ----------
+    name : str
+        Letters, digits, ``-`` and ``_``; the column is ``NAME.opening``.
+    one, two : three floats, dimension length
+        Points of the body, on both sides of a notch or a crack.
+    direction : three floats or None
+        The displacement of ``two`` less that of ``one`` is measured along it, whatever its length; None (default):
+        along the line from ``one`` to ``two``.
+    """
+
+    kind: Literal["opening"]
+    name: str = key(min_length=1, remedy="Give the probe a name; its column is called by it.")
+    one: Vector = key(dimension="length", remedy="Give a point on one side, for example [3.9, 0.0, 0.0].")
+    two: Vector = key(dimension="length", remedy="Give a point on the other side, for example [4.1, 0.0, 0.0].")
+    direction: Vector | None = key(None, dimension="1")
+
+    def problems(self) -> list[Problem]:
+        """A name, and something between two points."""
+        problems = plain_name(self.name)
+        if self.one == self.two:
+            text = f"= {show(self.two)} is the other point as well: an opening across nothing. Give another point."
+            problems.append(Problem("two", text))
+        return problems + (no_direction("direction", self.direction) if self.direction else [])
+
+    @property
+    def unit(self) -> Vector:
+        """Unit vector that the opening is measured along."""
+        return unit(self.direction or tuple(b - a for a, b in zip(self.one, self.two, strict=True)))
+
+
+Probe = Annotated[DisplacementProbe | BarProbe | LineProbe | OpeningProbe, Field(discriminator="kind")]
 
 
 class Output(Table):
@@ -135,6 +179,20 @@ def check_damage(output: Output, regions: Sequence[Region]) -> list[Problem]:
     if not output.damage or has_model(regions, "peridynamics"):
         return []
     return [Problem("output.damage", "= true counts broken bonds, and no region has any. Remove it.")]
+
+
+def check_column_names(probes: Sequence[Any], supports: Sequence[Any], loads: Sequence[Any]) -> list[Problem]:
+    """Columns of history.csv are called by names of probes, supports and loads: each is there once."""
+    first: dict[str, str] = {}
+    problems = []
+    for table, items in (("probes", probes), ("supports", supports), ("loads", loads)):
+        for index, item in enumerate(items):
+            name, where = getattr(item, "name", None), f"{table}.{index}"
+            other = first.setdefault(name, where) if name is not None else where
+            if other.split(".")[0] != table or (other != where and table != "probes"):
+                text = f"= {show(name)} is the name of {other} already, and columns are called by it. Choose another."
+                problems.append(Problem(f"{where}.name", text))
+    return problems
 
 
 def check_probe_names(probes: Sequence[Any]) -> list[Problem]:

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.materials import Interface, Material, all_materials
 from pdfem_mpi.deck.regions import Region, has_model
-from pdfem_mpi.deck.table import Problem, Table, key, show
+from pdfem_mpi.deck.table import MOST_HINTS, Problem, Table, did_you_mean, key, show
 
 
 class Solver(Table):
@@ -123,9 +123,15 @@ class Events(Table):
         The run ends here; None (default): no such limit.
     end_reaction : float, above 0 and below 1, dimension 1
         The run ends when the reaction at held load has fallen below this fraction of the peak.
-    control : "load" or "energy"
+    end_opening : float or None, > 0, dimension length
+        Under opening control, the run ends at this opening; None (default): no such limit.
+    control : "load", "energy" or "opening"
         "load": broken bonds unload the body at a held load, until none is left to break. "energy": after each batch
-        the load is scaled so that the next bond is about to break, which follows snap-backs.
+        the load is scaled so that the next bond is about to break, which follows snap-backs. "opening": after each
+        batch the load is scaled so that the next bond is about to break, or so that the opening is the largest so far
+        where it would be less: the opening never shrinks, as in a laboratory that controls it.
+    opening : str or None
+        Under opening control, the name of a probe of kind "opening".
     report_every : int, >= 1
         Batches between two rows of the history within an avalanche.
     """
@@ -136,8 +142,21 @@ class Events(Table):
     arrest_tolerance: float = key(1.0e-3, gt=0, lt=1, dimension="1")
     end_load_factor: float | None = key(None, gt=0, dimension="1")
     end_reaction: float = key(0.05, gt=0, lt=1, dimension="1")
-    control: Literal["load", "energy"] = key("load")
+    end_opening: float | None = key(None, gt=0, dimension="length")
+    control: Literal["load", "energy", "opening"] = key("load")
+    opening: str | None = key(None)
     report_every: int = key(10, ge=1)
+
+    def problems(self) -> list[Problem]:
+        """An opening where it is controlled, and only there."""
+        if self.control == "opening":
+            remedy = 'Give opening = "NAME", the name of a probe with kind = "opening".'
+            return [] if self.opening else [Problem("control", f'= "opening" needs to know which. {remedy}')]
+        return [
+            Problem(name, f'= {show(getattr(self, name))} goes with control = "opening". Set that, or remove it.')
+            for name in ("opening", "end_opening")
+            if getattr(self, name) is not None
+        ]
 
     @property
     def n_steps(self) -> int | None:
@@ -202,6 +221,17 @@ def check_stepping_solver(stepping: Any, solver: Solver) -> list[Problem]:
             + f'. Use "{needed}".',
         )
     ]
+
+
+def check_opening(stepping: Any, probes: Sequence[Any]) -> list[Problem]:
+    """The opening that is controlled is that of a probe."""
+    wanted = getattr(stepping, "opening", None)
+    names = [getattr(probe, "name", None) for probe in probes if getattr(probe, "kind", None) == "opening"]
+    if wanted is None or wanted in names or None in names:
+        return []
+    known = f" Those are {', '.join(names[:MOST_HINTS])}." if names else " There is none: add it to [[probes]]."
+    hint = did_you_mean(wanted, names) or known
+    return [Problem("stepping.opening", f'= {show(wanted)} is not the name of a probe of kind "opening".{hint}')]
 
 
 def check_something_loads(stepping: Any, loads: Sequence[Any], supports: Sequence[Support]) -> list[Problem]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal, NamedTuple, Self
 
@@ -115,6 +116,13 @@ class Absent:
 
     def __getattr__(self, name: str) -> Any:
         raise FieldMissing(name)
+
+
+def plain_name(name: str | None) -> list[Problem]:
+    """What is wrong with a name that columns are called by; None is none."""
+    if name is None or re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        return []
+    return [Problem("name", f"= {show(name)} names columns of history.csv. Use letters, digits, - and _ only.")]
 
 
 class Units(Table):

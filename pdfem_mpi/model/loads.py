@@ -18,6 +18,7 @@ from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_volumes
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.model.balance import find_unbalanced, remove_free_motion, without_equilibrium
+from pdfem_mpi.model.gauges import Gauge, gauge_of, opening_of
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import combine, free_motions, rigid_gram, rigid_modes
 from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsupported
@@ -60,6 +61,8 @@ class LoadCase:
     taken : float64, shape (3,), dimension force
         Sums of the forces along x, y and z that loads put on held places, where supports take them at once; NaN where
         there are none.
+    opening : Gauge or None
+        What the load program controls, where it is an opening.
     """
 
     external: np.ndarray
@@ -75,6 +78,7 @@ class LoadCase:
     reach: float
     load: float
     taken: np.ndarray
+    opening: Gauge | None = None
 
 
 def make_load_case(scene: Scene, discretization: Discretization, model: Model) -> LoadCase:
@@ -130,10 +134,17 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
         / discretization.units.length,
         load=_one_way(model, external),
         taken=taken,
+        opening=_controlled(scene, discretization, model),
     )
     if messages := find_unbalanced(model, free, parts, unsupported, external):
         raise SceneError(messages)
     return case
+
+
+def _controlled(scene: Scene, discretization: Discretization, model: Model) -> Gauge | None:
+    """The opening that the load program controls, if it does."""
+    name = getattr(scene.stepping, "opening", None)
+    return None if name is None else gauge_of(discretization, model, opening_of(scene, discretization, name))
 
 
 def _sum_loads(

@@ -20,7 +20,7 @@ ELEMENTS, ELEMENTS_BESIDE_BONDS = "elements, their kinematics", "elements beside
 #: Keys that may change from a checkpoint on; the log says so, since results are then not those of one deck.
 TOLD = (
     "solver.tolerance", "solver.max_evaluations", "stepping.end_load_factor", "stepping.end_reaction",
-    "stepping.report_every", ELEMENTS_BESIDE_BONDS,
+    "stepping.end_opening", "stepping.report_every", ELEMENTS_BESIDE_BONDS,
 )  # fmt: skip
 #: What follows where a checkpoint was written with the earlier default of regions of elements.
 HELD_NOW = (
@@ -43,7 +43,7 @@ def identity(scene: Scene, discretization: Discretization) -> dict[str, Any]:
     if scene.has_finite_elements and scene.kinematics == "finite":
         keys[ELEMENTS_BESIDE_BONDS if scene.has_peridynamics else ELEMENTS] = "finite"
     keys |= _may_fail(scene, discretization)
-    keys = {key: value for key, value in keys.items() if not _is_newer_default(key, value)}
+    keys = {key: value for key, value in keys.items() if not _is_newer_default(key, value) and not _is_label(key)}
     total = hashlib.sha256()
     for array in (discretization.nodes, discretization.mesh.cells, discretization.region):
         total.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
@@ -112,6 +112,11 @@ def _is_newer_default(key: str, value: Any) -> bool:
     """Whether a key says by its default what checkpoints without the key mean."""
     table, _, name = key.rpartition(".")
     return (table.split(".")[0], name, value) in NEWER_DEFAULTS
+
+
+def _is_label(key: str) -> bool:
+    """Whether a key is the name of a load or support, which calls columns of the history and nothing else."""
+    return key.endswith(".name") and key.startswith(("loads.", "supports."))
 
 
 def _held_now(key: str, then: Any, now: Any) -> bool:

@@ -17,7 +17,6 @@ from pdfem_mpi.runs.checkpoints import CheckpointWriter
 from pdfem_mpi.runs.memory_report import Watched
 from pdfem_mpi.runs.outputs import Outputs
 from pdfem_mpi.runs.reporter import Reporter
-from pdfem_mpi.runs.rows import history_row
 from pdfem_mpi.runs.simulation import Simulation
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import Report
@@ -132,7 +131,7 @@ class March:
         began = perf_counter()
         if self.wanted:
             ended.fields = gather_fields(simulation.discretization, simulation.forces, simulation.state.u)
-        columns = history_row(report, simulation.discretization.units, simulation.failure is not None)
+        columns = simulation.row(report)
         ended.damage = gather_damage(simulation.discretization, simulation.model, self.remaining, simulation.failure)
         on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))
         self.reporter.row(columns)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from pdfem_mpi.deck.outputs import BarProbe, DisplacementProbe, LineProbe
+from pdfem_mpi.deck.outputs import BarProbe, DisplacementProbe, LineProbe, OpeningProbe
 from pdfem_mpi.measure.bar import Bar, bar_results, measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import Fields
@@ -22,6 +24,17 @@ class DisplacementOutput(Output):
 
     def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
         self.results = {self.probe.name: displacement_at(place.discretization, fields, self.probe.point).tolist()}
+
+
+class OpeningOutput(Output):
+    """How far two points move apart: the last row of its column."""
+
+    def __init__(self, probe: OpeningProbe) -> None:
+        super().__init__()
+        self.column, self.name = f"{probe.name}.opening", probe.name
+
+    def write(self, columns: dict[str, Any], fields: Fields | None, damage: np.ndarray | None) -> None:
+        self.results = {self.name: columns[self.column]}
 
 
 class BarOutput(Output):
@@ -95,4 +108,6 @@ class LineOutput(Output):
 
 
 #: Which output a table of ``[[probes]]`` asks for.
-OF_PROBE = {DisplacementProbe: DisplacementOutput, BarProbe: BarOutput, LineProbe: LineOutput}
+OF_PROBE = {
+    DisplacementProbe: DisplacementOutput, BarProbe: BarOutput, LineProbe: LineOutput, OpeningProbe: OpeningOutput,
+}  # fmt: skip

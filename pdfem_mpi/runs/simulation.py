@@ -21,6 +21,7 @@ from pdfem_mpi.model.model import build_model
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS
+from pdfem_mpi.runs.gauges import make_gauges
 from pdfem_mpi.runs.memory_estimate import Need
 from pdfem_mpi.runs.memory_report import features_of
 from pdfem_mpi.runs.prepare import prepare, warm_up
@@ -56,6 +57,9 @@ class Simulation:
         Its parts: the body and what memory it needs, this rank's equations, loads, unknowns and forces, the books of
         broken bonds (None where none can break), and the solver (None before it is needed).
 
+    gauges : Gauges
+        What is read off each state for the columns of probes and named supports.
+
     Raises
     ------
     SceneError
@@ -88,6 +92,7 @@ class Simulation:
         self.state = new_state(self.model)
         self.forces = Forces(self.model, self.state.bounds, evaluations=evaluations)
         self.failure = make_failure(scene, self.discretization, self.model)
+        self.gauges = make_gauges(scene, self.discretization, self.model)
         self.solver: EquilibriumSolver | None = None
         self._evaluated = False
 
@@ -147,10 +152,12 @@ class Simulation:
             raise SceneError([f"{problem.key} {problem.text}" for problem in problems])
         case = make_load_case(scene, self.discretization, self.model)
         self.scene, self.case, self.solver = scene, case, None
+        self.gauges = make_gauges(scene, self.discretization, self.model)
 
     def row(self, report: Report) -> dict[str, Any]:
-        """A report of the load program in the deck's units, by the columns of history.csv."""
-        return history_row(report, self.discretization.units, self.failure is not None)
+        """A report of the load program in the deck's units, by the columns of history.csv, at the state as it is."""
+        columns = history_row(report, self.discretization.units, self.failure is not None)
+        return columns | self.gauges.read(self.comm, self.state.u, report)
 
     @property
     def parts(self) -> tuple[Any, ...]:

@@ -57,7 +57,7 @@ def scale(ledger: Ledger, load_factor: float) -> None:
 
 
 def bracket(ledger: Ledger, ratio: float, limit: float) -> None:
-    """Finite kinematics: the load at which the largest stretch is critical, by secants within a bracket."""
+    """Finite kinematics: the load at which the excess is 1 (the largest stretch critical), by secants in a bracket."""
     state, program = ledger.state, ledger.state.program
     stored = ledger.stored()
     known: list[tuple[float, float]] = []  # loads and ratios of equilibria; the state to begin with is loose
@@ -69,7 +69,7 @@ def bracket(ledger: Ledger, ratio: float, limit: float) -> None:
         state.load_factor = target
         ledger.prescribe()
         equilibrate(ledger, ledger.solve.settings.tolerance)
-        ratio = ledger.forces.largest_ratio(ledger.failure)
+        ratio = ledger.excess()
         if abs(ratio - 1.0) <= BRACKET or (target == limit and ratio < 1.0):
             break
         low, high = (target, high) if ratio < 1.0 else (low, target)

@@ -19,7 +19,7 @@ from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.stepping import arrest
 from pdfem_mpi.stepping.avalanche import Avalanche
-from pdfem_mpi.stepping.equilibria import bracket, equilibrate, scale, small_load
+from pdfem_mpi.stepping.equilibria import BRACKET, bracket, equilibrate, scale, small_load
 from pdfem_mpi.stepping.ledger import NUMBERS, Ledger
 from pdfem_mpi.stepping.report import Report
 
@@ -57,14 +57,17 @@ def follow_events(
             if not goes_on:
                 yield ledger.row("end")
                 return
-            shown = settings.control == "load" or program["batches"] % settings.report_every == 0
-            if shown and not program["adrift"]:
+            every = program["batches"] % settings.report_every == 0
+            if avalanche.overdue:
+                if every:
+                    yield ledger.row("batch")
+            elif (every or settings.control != "energy") and not program["adrift"]:
                 yield ledger.row("critical")
         broke = avalanche.batch()
         if avalanche.came_apart():
             yield ledger.row("end")
             return
-        if settings.control == "energy":
+        if settings.control != "load":
             program["stable"] = float(not program["adrift"])
         elif program["stable"]:
             yield ledger.row("arrest")
@@ -84,6 +87,23 @@ def _start(ledger: Ledger) -> None:
     state.program["work"] = ledger.stored()
 
 
+def _excess(ledger: Ledger) -> float:
+    """What the load is divided by, see `Ledger.excess`.
+
+    Raises
+    ------
+    NotConverged
+        The controlled opening closes while the load grows.
+    """
+    settings, length = ledger.settings, ledger.model.units.length
+    if settings.control == "opening" and not (opening := ledger.opening()) > 0.0:
+        raise NotConverged(
+            f'the opening of the probe "{settings.opening}" is {opening * length:.6g} at load factor '
+            f"{ledger.state.load_factor:.6g}: the load closes it. Reverse its direction, or measure elsewhere."
+        )
+    return ledger.excess()
+
+
 def _load_to_break(avalanche: Avalanche) -> bool:
     """Raise (or lower) the load until a bond is about to break; False if the program ends at or before that."""
     ledger = avalanche.ledger
@@ -98,15 +118,24 @@ def _load_to_break(avalanche: Avalanche) -> bool:
     if ratio == 0.0:
         raise NotConverged("the load stretches no bond that may break. Load the body otherwise.")
     limit = math.inf if settings.end_load_factor is None else settings.end_load_factor
+    excess = _excess(ledger)
     if ledger.finite:
-        bracket(ledger, ratio, limit)
+        bracket(ledger, excess, limit)
     else:
-        scale(ledger, min(state.load_factor / ratio, limit))
+        scale(ledger, min(state.load_factor / excess, limit))
     arrest.forget(program)
     remove_rigid_motion(ledger.model, ledger.case, state.u)
     program["size"] = ledger.size(state.u)
     if state.load_factor >= limit:
         return False
+    if settings.control == "opening":
+        opening = ledger.opening()
+        avalanche.overdue = opening <= program["opening"] * (1.0 + BRACKET)
+        program["opening"] = max(program["opening"], opening)
+        if settings.end_opening and opening * ledger.model.units.length >= settings.end_opening * (1.0 - BRACKET):
+            return False
+        if avalanche.overdue:  # on the way between two stable states, whatever it carries
+            return True
     if ledger.carries_little():
         return False
     program["peak"] = max(program["peak"], program["reaction"])

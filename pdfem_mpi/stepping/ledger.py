@@ -41,7 +41,7 @@ class Ledger:
     stable; how often in a row something went ``adrift`` without breaking a bond, and steps were ``cuts``; whether the
     body came ``apart`` under a constant force; whether parts ran away under their own loads before, so that such
     ``fragments`` are looked for; and whether the last batch broke bonds, loads were taken off since or a step was cut
-    (``fresh``).
+    (``fresh``). Under opening control also the largest ``opening`` so far.
     """
 
     def __init__(
@@ -63,6 +63,8 @@ class Ledger:
         self.loose: frozenset[str] = frozenset()
         if "stable" in state.program:  # a checkpoint may be older than some of the numbers
             state.program |= dict.fromkeys(NUMBERS, 0.0) | state.program
+        if settings.control == "opening":
+            state.program.setdefault("opening", 0.0)
         if state.program.get("fragments"):
             self.find_loads()
 
@@ -112,6 +114,25 @@ class Ledger:
         program["relative"] = math.sqrt(square) / self.reference
         self.count()
         return broke
+
+    def opening(self) -> float:
+        """The controlled opening of the state. Collective."""
+        return self.case.opening.read(self.model.comm, self.state.u)
+
+    def excess(self) -> float:
+        """What the load is divided by for the next state of the program, at the last evaluation. Collective.
+
+        The largest stretch over its critical one, or the opening over the largest so far where that is less; at most
+        the opening over that at which the run ends.
+        """
+        ratio = self.forces.largest_ratio(self.failure)
+        if self.settings.control != "opening":
+            return ratio
+        opening, held = self.opening(), self.state.program["opening"]
+        if held:
+            ratio = min(ratio, opening / held)
+        last = self.settings.end_opening
+        return ratio if last is None else max(ratio, opening * self.model.units.length / last)
 
     def take_loads_off(self) -> bool:
         """Parts that hang together with nothing that could balance their loads carry none; whether loads changed."""

@@ -1,0 +1,75 @@
+"""What is read off each state of a load program for history.csv: probes, and forces of named supports."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pdfem_mpi.body.discretization import Discretization, ModelUnits
+from pdfem_mpi.body.locating import weights_at
+from pdfem_mpi.deck.outputs import DisplacementProbe, OpeningProbe
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import AXES
+from pdfem_mpi.model.gauges import Gauge, gauge_of, opening_of
+from pdfem_mpi.model.model import Model
+from pdfem_mpi.stepping import Report
+
+
+@dataclass(frozen=True)
+class Gauges:
+    """Columns beside those that every history has.
+
+    Attributes
+    ----------
+    units : ModelUnits
+    of_displacements : dict of Gauge
+        By the names of their columns.
+    supports : dict of int
+        Number of each named support.
+    """
+
+    units: ModelUnits
+    of_displacements: dict[str, Gauge]
+    supports: dict[str, int]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return (*self.of_displacements, *(f"{name}.force_{axis}" for name in self.supports for axis in AXES))
+
+    def read(self, comm, u: np.ndarray, report: Report) -> dict[str, Any]:
+        """The columns at a state and its report, in the deck's units. Collective.
+
+        Parameters
+        ----------
+        u : float64, shape (n_unknowns,), dimension length
+        """
+        found = {name: gauge.read(comm, u) * self.units.length for name, gauge in self.of_displacements.items()}
+        for name, number in self.supports.items():
+            for axis, force in zip(AXES, report.of_supports[number].tolist(), strict=True):
+                found[f"{name}.force_{axis}"] = force * self.units.force
+        return found
+
+
+def make_gauges(scene: Scene, discretization: Discretization, model: Model) -> Gauges:
+    """What the deck's probes and named supports ask for.
+
+    Raises
+    ------
+    SceneError
+        Points of an opening outside of the body, or with nothing between them.
+    """
+    found: dict[str, Gauge] = {}
+    for probe in scene.probes:
+        if isinstance(probe, OpeningProbe):
+            weights = opening_of(scene, discretization, probe.name)
+            found[f"{probe.name}.opening"] = gauge_of(discretization, model, weights)
+        elif isinstance(probe, DisplacementProbe):
+            weights, _ = weights_at(discretization, np.array(probe.point))
+            for d, axis in enumerate(AXES):
+                along = tuple(float(d == e) for e in range(3))
+                found[f"{probe.name}.u_{axis}"] = gauge_of(discretization, model, weights.along(along, 1.0))
+    supports = {support.name: index for index, support in enumerate(scene.supports) if support.name is not None}
+    return Gauges(discretization.units, found, supports)
