@@ -1,7 +1,7 @@
 """From the scene and its mesh to collocation points, finite elements and their overlap, in model units.
 
 The discretization is global and the same on every rank: about 150 bytes a cell, against 20,000 bytes of bonds of a
-peridynamic cell. What a rank keeps of it is cut out in ``model.py``.
+peridynamic cell. It ends in this folder: what a rank keeps of it is its `share.Share`, and nothing above sees more.
 
 **Model units.** Lengths are in units of the internal length ``l`` (without peridynamics: of the mean edge), measured
 from the centre of the bounding box, stresses in units of the default material's Young's modulus. Numbers stored in
@@ -11,6 +11,7 @@ subtraction.
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +20,7 @@ import numpy as np
 from pdfem_mpi.body.fitted_bodies import FittedBodies, find_fitted_bodies, same_bonds
 from pdfem_mpi.body.materials import MaterialTable, material_table
 from pdfem_mpi.body.meshing import check_folded, describe_folded, make_mesh
+from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.body.overlap import check_cracks, check_joints, check_overlap_materials, find_overlap
 from pdfem_mpi.body.regions import assign_regions
 from pdfem_mpi.deck.materials import PERIDYNAMIC_POISSONS_RATIO
@@ -28,20 +30,6 @@ from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors, mirrors_at
 from pdfem_mpi.mesh.quality import Quality, folded_cells, measure
-
-
-@dataclass(frozen=True)
-class ModelUnits:
-    """One model unit of length and of stress, in the deck's units, and the deck's position of the model's origin."""
-
-    length: float
-    stress: float
-    origin: np.ndarray
-
-    @property
-    def force(self) -> float:
-        """One model unit of force, in the deck's."""
-        return self.stress * self.length**2
 
 
 @dataclass(frozen=True)
@@ -73,10 +61,8 @@ class Discretization:
         Cells at which a body whose factors should be fitted is too thin for it.
     has_stiffness : bool, shape (n_cells,)
         Cells whose element has an internal force (eqs 15, 16).
-    point_cell_number : int64, shape (n_cells,)
-        Number of a cell among the cells with points, else -1; its points are ``8 number + g``.
-    node_number : int64, shape (n_nodes,)
-        Number of a node among the nodes of elements and overlap, else -1.
+    carries : bool, shape (n_nodes,)
+        Nodes that carry unknowns: those of elements and overlap.
     cutoff : float
         Guarded cutoff radius in model units; 0 without peridynamics.
     mirrors : Mirrors
@@ -96,8 +82,7 @@ class Discretization:
     body: np.ndarray
     thin: np.ndarray
     has_stiffness: np.ndarray
-    point_cell_number: np.ndarray
-    node_number: np.ndarray
+    carries: np.ndarray
     cutoff: float
     mirrors: Mirrors
 
@@ -114,7 +99,22 @@ class Discretization:
     @property
     def n_nodes(self) -> int:
         """Number of nodes that carry unknowns."""
-        return int(np.count_nonzero(self.node_number >= 0))
+        return int(np.count_nonzero(self.carries))
+
+    @property
+    def point_row(self) -> np.ndarray:
+        """Number of each cell among the cells with points, by which result files are ordered; else -1; int64."""
+        return _number(self.has_points)
+
+    @property
+    def free_row(self) -> np.ndarray:
+        """The same among the cells with free points, by which checkpoints are ordered; int64, shape (n_cells,)."""
+        return _number(self.has_points & ~self.is_overlap)
+
+    @property
+    def node_row(self) -> np.ndarray:
+        """Number of each node among the nodes with unknowns; else -1; int64, shape (n_nodes,)."""
+        return _number(self.carries)
 
     @property
     def youngs_modulus(self) -> np.ndarray:
@@ -146,6 +146,13 @@ class Discretization:
         folded = np.zeros(len(self.mesh.cells), bool)
         folded[folded_cells(self.mesh)] = True
         return (*self.mesh.notes, f"warning: {describe_folded(self.mesh, folded)}: results near them are poor.")
+
+    def sha256(self) -> str:
+        """Digest of the nodes in model units, the cells and their regions."""
+        total = hashlib.sha256()
+        for array in (self.nodes, self.mesh.cells, self.region):
+            total.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
+        return total.hexdigest()
 
     @property
     def has_nodes(self) -> np.ndarray:
@@ -204,8 +211,7 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         body=bodies.number,
         thin=bodies.thin,
         has_stiffness=has_stiffness,
-        point_cell_number=_number(has_points),
-        node_number=_number(carries),
+        carries=carries,
         cutoff=cutoff,
         mirrors=mirrors_at(scene.mesh.symmetry, *(np.array([mesh.lower, mesh.upper]) - units.origin) / length),
     )

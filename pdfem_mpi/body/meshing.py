@@ -40,9 +40,9 @@ def make_mesh(scene: Scene) -> HexMesh:
         messages += mirror_problems(mesh, face)
     for table, entries in (("loads", scene.loads), ("supports", scene.supports)):
         for index, item in enumerate(entries):
-            if item.set is not None:
+            if getattr(item, "set", None) is not None:
                 messages += named_sets.find_problems(mesh, item, f"{table}.{index}")
-            elif item.face is not None:
+            elif getattr(item, "face", None) is not None:
                 messages += face_problems(mesh, item.face, f"{table}.{index}")
     try:
         assign_regions(scene, mesh)

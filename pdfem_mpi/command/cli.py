@@ -35,7 +35,7 @@ from pdfem_mpi.system.exit_codes import (
     EXIT_STOPPED,
     EXIT_USAGE,
 )
-from pdfem_mpi.system.limits import shared_memory_problem
+from pdfem_mpi.system.process_limits import shared_memory_problem
 from pdfem_mpi.system.signals import Requests
 
 # typer carries its own copy of click in newer versions; its exported exception leads to the base in all
@@ -135,8 +135,8 @@ def _run(deck, ranks, overrides, folder, overwrite, max_hours, ways) -> int:
     comm = start_world(ranks)
     requests.comm = comm
     scene = read_scene(deck, overrides, comm)
+    from pdfem_mpi.runs.restart_point import Refused, RunOptions
     from pdfem_mpi.runs.run import run as run_scene
-    from pdfem_mpi.runs.start import Refused, RunOptions
 
     try:
         ways = RunOptions(**ways, end=end, watched=True, requests=requests)

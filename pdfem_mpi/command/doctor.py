@@ -14,7 +14,7 @@ from pathlib import Path
 
 from pdfem_mpi import __version__
 from pdfem_mpi.system import launcher as launch
-from pdfem_mpi.system.limits import shared_memory_problem
+from pdfem_mpi.system.process_limits import shared_memory_problem
 
 START_TEST_SECONDS = 60
 

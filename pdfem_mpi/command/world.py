@@ -14,7 +14,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import DeckError
 from pdfem_mpi.deck.toml import parse_deck, read_deck, read_text
 from pdfem_mpi.system import launcher as launch
-from pdfem_mpi.system.limits import shared_memory_problem
+from pdfem_mpi.system.process_limits import shared_memory_problem
 
 
 def become_ranks(deck: Path, overrides: list[str], ranks: int | None) -> None:

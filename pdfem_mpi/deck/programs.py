@@ -234,13 +234,29 @@ def check_opening(stepping: Any, probes: Sequence[Any]) -> list[Problem]:
     return [Problem("stepping.opening", f'= {show(wanted)} is not the name of a probe of kind "opening".{hint}')]
 
 
+def check_formulas(stepping: Any, supports: Sequence[Any]) -> list[Problem]:
+    """What does not grow with the load factor alone is for programs that find equilibrium at given ones."""
+    if stepping.kind == "steps":
+        return []
+    return [
+        Problem(
+            f"supports.{index}",
+            f'follows the load factor f by a formula, and stepping.kind = "{stepping.kind}" scales states with it. '
+            'Leave f out, or use stepping.kind = "steps".',
+        )
+        for index, support in enumerate(supports)
+        if support.follows_factor
+    ]
+
+
 def check_something_loads(stepping: Any, loads: Sequence[Any], supports: Sequence[Support]) -> list[Problem]:
     """Failure needs a load: a force, or a support that moves."""
     amounts = [
         component
         for load in loads
+        if not getattr(load, "constant", False)
         for vector in (getattr(load, "total", None), getattr(load, "density", None), getattr(load, "traction", None))
-        for component in vector or ()
+        for component in vector or (getattr(load, "pressure", None),)
     ] + [component for support in supports for component in (support.x, support.y, support.z)]
     if stepping.kind == "steps" or any(amounts):
         return []

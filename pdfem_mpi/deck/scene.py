@@ -24,7 +24,6 @@ from pdfem_mpi.deck.loads import (
     check_references,
     check_sets,
     check_support_references,
-    check_tractions,
 )
 from pdfem_mpi.deck.materials import Interface, Material, check_contrast, check_material_names
 from pdfem_mpi.deck.meshes import Mesh
@@ -49,6 +48,7 @@ from pdfem_mpi.deck.programs import (
     Stepping,
     Steps,
     check_failure,
+    check_formulas,
     check_opening,
     check_something_loads,
     check_stepping_solver,
@@ -133,6 +133,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("material", "materials", "interfaces", "regions", "stepping"), check_failure),
     (("stepping", "solver"), check_stepping_solver),
     (("stepping", "probes"), check_opening),
+    (("stepping", "supports"), check_formulas),
     (("stepping", "loads", "supports"), check_something_loads),
     (("output", "regions"), check_damage),
     (("regions",), check_region_names),
@@ -140,7 +141,6 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("probes", "supports", "loads"), check_column_names),
     (("regions", "loads"), check_references),
     (("regions", "supports"), check_support_references),
-    (("regions", "peridynamics", "loads"), check_tractions),
     (("mesh", "regions", "material", "materials", "peridynamics", "coupling"), check_fitted),
     (("mesh", "regions"), functools.partial(check_sets, "regions")),
     (("mesh", "loads"), functools.partial(check_sets, "loads")),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import types
 from collections.abc import Iterable
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
@@ -137,6 +138,8 @@ def _words(annotation: Any) -> str:
         if models_of(annotation):
             return "a list of tables"
         return "a list of texts in quotes" if get_args(annotation)[0] is str else "a list of numbers"
+    if get_origin(annotation) in (types.UnionType, Union):
+        return " or ".join(_words(part) for part in get_args(annotation) if part is not type(None))
     return WORDS.get(annotation, "a table" if models_of(annotation) else "another value")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from pdfem_mpi.finite_elements.elements import Elements, TurningElements
 from pdfem_mpi.finite_elements.nodes import Nodes
-from pdfem_mpi.kernels import finite_elements, turning_elements
+from pdfem_mpi.kernels import linear_elements, turning_elements
 from pdfem_mpi.kernels.exact_sums import add_products
 from pdfem_mpi.kernels.rounding import pattern_for
 
@@ -104,10 +104,10 @@ class ElementForces:
     def _sweep_linear(self, quantum: float, met: np.ndarray) -> None:
         top, nodal = np.zeros(1), (self.force, self.u)
         for part in self.elements.shared:
-            finite_elements.add_shared_forces(*nodal, part.connectivity, part.stiffness, part.scale, quantum, top)
+            linear_elements.add_shared_forces(*nodal, part.connectivity, part.stiffness, part.scale, quantum, top)
         if self.elements.general:
             part = self.elements.general
-            finite_elements.add_general_forces(*nodal, part.connectivity, part.tables, part.lam, part.mu, quantum, top)
+            linear_elements.add_general_forces(*nodal, part.connectivity, part.tables, part.lam, part.mu, quantum, top)
         met[1] = max(met[1], top[0])
 
     def _sweep_turning(self, quantum: float, met: np.ndarray) -> None:

@@ -7,18 +7,17 @@ Total Lagrangian with the law of St Venant and Kirchhoff, 2x2x2 Gauss points. Wi
 
 ``E`` is formed from differences of displacements, so that small strains lose no digit beside large ones, and a rigid
 motion leaves round-off only. ``S`` is symmetric to the bit: the forces of an element have no moment about their
-deformed places but for round-off. At small displacements these are the forces of `finite_elements`.
+deformed places but for round-off. At small displacements these are the forces of `linear_elements`.
 
-Forces of the seven other nodes are rounded and node 0 gets minus their integer sum, as in `finite_elements`. There the
+Forces of the seven other nodes are rounded and node 0 gets minus their integer sum, as in `linear_elements`. There the
 largest difference of displacements bounds the forces; here a rotation makes these large without any force, so the
-largest force itself is told, and the quantum rests on it. Four elements stand in the SIMD lanes.
+largest force itself is measured, and the quantum rests on it. Four elements stand in the SIMD lanes.
 """
 
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.finite_elements import gather, scatter
-from pdfem_mpi.kernels.hex8 import GRADIENTS_AT_GAUSS
+from pdfem_mpi.kernels.element_lanes import add_stress, displacement_gradient, gather, load_moduli, scatter
 from pdfem_mpi.kernels.simd import PATTERN, W, fma, hmax, isub, largest, load, magnitude, smallest, splat, store
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
@@ -37,7 +36,7 @@ def add_forces(force, u, connectivity, tables, lam, mu, quantum, met):
     connectivity : int32, shape (n_elements, 8)
         Local nodes of the elements, in range and not negative. Parts of the elements start with a group.
     tables : float64, shape (ceil(n_elements / 4), 8, 10, 4), or (1, 8, 10, 4) for elements of one shape
-        Of `finite_elements.gradient_tables`.
+        Of `element_tables.gradient_tables`.
     lam, mu : float64, shape (n_elements,), dimension force / length^2
         Lame's moduli.
     quantum : float, dimension force
@@ -55,14 +54,14 @@ def add_forces(force, u, connectivity, tables, lam, mu, quantum, met):
     stride = 0 if len(tables) == 1 else 80 * W
     for first in range(0, len(connectivity), W):
         gather(difference, u, connectivity, first)
-        _moduli_of(moduli, lam, mu, first)
+        load_moduli(moduli, lam, mu, first)
         for j in range(3 * W, 24 * W, W):
             top_difference = largest(magnitude(load(difference, j)), top_difference)
             store(forces, j, zero)
         lam_lanes, mu_lanes = load(moduli, 0), load(moduli, W)
         for g in range(8):
             row = stride * (first // W) + 10 * W * g
-            hxx, hxy, hxz, hyx, hyy, hyz, hzx, hzy, hzz = _gradient(difference, table, row, g)
+            hxx, hxy, hxz, hyx, hyy, hyz, hzx, hzy, hzz = displacement_gradient(difference, table, row, g)
             # Green's strain, shear strains twice
             exx = fma(half, fma(hxx, hxx, fma(hyx, hyx, hzx * hzx)), hxx)
             eyy = fma(half, fma(hxy, hxy, fma(hyy, hyy, hzy * hzy)), hyy)
@@ -78,7 +77,7 @@ def add_forces(force, u, connectivity, tables, lam, mu, quantum, met):
             syy = fma(shear + shear, eyy, pressure)
             szz = fma(shear + shear, ezz, pressure)
             sxy, syz, szx = shear * exy, shear * eyz, shear * ezx
-            _add_stress(
+            add_stress(
                 forces, table, row, g,
                 fma(hxx, sxx, fma(hxy, sxy, fma(hxz, szx, sxx))),
                 fma(hxx, sxy, fma(hxy, syy, fma(hxz, syz, sxy))),
@@ -118,15 +117,15 @@ def add_tangent(force, u, at, connectivity, tables, lam, mu, quantum, met):
     for first in range(0, len(connectivity), W):
         gather(difference, u, connectivity, first)
         gather(base, at, connectivity, first)
-        _moduli_of(moduli, lam, mu, first)
+        load_moduli(moduli, lam, mu, first)
         for j in range(3 * W, 24 * W, W):
             top_difference = largest(magnitude(load(difference, j)), top_difference)
             store(forces, j, zero)
         lam_lanes, mu_lanes = load(moduli, 0), load(moduli, W)
         for g in range(8):
             row = stride * (first // W) + 10 * W * g
-            hxx, hxy, hxz, hyx, hyy, hyz, hzx, hzy, hzz = _gradient(base, table, row, g)
-            gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz = _gradient(difference, table, row, g)
+            hxx, hxy, hxz, hyx, hyy, hyz, hzx, hzy, hzz = displacement_gradient(base, table, row, g)
+            gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz = displacement_gradient(difference, table, row, g)
             volume = load(table, row + 9 * W)
             shear = volume * mu_lanes
             twice = shear + shear
@@ -151,7 +150,7 @@ def add_tangent(force, u, at, connectivity, tables, lam, mu, quantum, met):
             tyz = shear * fma(gxy, hxz, fma(gyy, hyz, fma(gzy, hzz, tyz)))
             tzx = fma(hxz, gxx, fma(hyz, gyx, fma(hzz, gzx, gzx + gxz)))
             tzx = shear * fma(gxz, hxx, fma(gyz, hyx, fma(gzz, hzx, tzx)))
-            _add_stress(
+            add_stress(
                 forces, table, row, g,
                 fma(gxx, sxx, fma(gxy, sxy, fma(gxz, szx, fma(hxx, txx, fma(hxy, txy, fma(hxz, tzx, txx)))))),
                 fma(gxx, sxy, fma(gxy, syy, fma(gxz, syz, fma(hxx, txy, fma(hxy, tyy, fma(hxz, tyz, txy)))))),
@@ -195,12 +194,12 @@ def measure(u, connectivity, tables, lam, mu, energy, volume_ratio, strain):
     stride = 0 if len(tables) == 1 else 80 * W
     for first in range(0, len(connectivity), W):
         gather(difference, u, connectivity, first)
-        _moduli_of(moduli, lam, mu, first)
+        load_moduli(moduli, lam, mu, first)
         total = square = zero
         ratio = splat(np.inf)
         for g in range(8):
             row = stride * (first // W) + 10 * W * g
-            hxx, hxy, hxz, hyx, hyy, hyz, hzx, hzy, hzz = _gradient(difference, table, row, g)
+            hxx, hxy, hxz, hyx, hyy, hyz, hzx, hzy, hzz = displacement_gradient(difference, table, row, g)
             exx = fma(half, fma(hxx, hxx, fma(hyx, hyx, hzx * hzx)), hxx)
             eyy = fma(half, fma(hxy, hxy, fma(hyy, hyy, hzy * hzy)), hyy)
             ezz = fma(half, fma(hxz, hxz, fma(hyz, hyz, hzz * hzz)), hzz)
@@ -225,70 +224,6 @@ def measure(u, connectivity, tables, lam, mu, energy, volume_ratio, strain):
             energy[first + lane] = result[lane]
             volume_ratio[first + lane] = result[W + lane]
             strain[first + lane] = np.sqrt(result[2 * W + lane])
-
-
-@njit(**_options)
-def _moduli_of(moduli, lam, mu, first):
-    """Lame's moduli of a group's elements, side by side."""
-    for lane in range(W):
-        element = min(first + lane, len(lam) - 1)
-        moduli[lane] = lam[element]
-        moduli[W + lane] = mu[element]
-
-
-@njit(inline="always", **_options)
-def _gradient(difference, table, row, g):
-    """``du_i / dx_j`` at a Gauss point, in the order xx, xy, xz, yx, ..."""
-    zero = splat(0.0)
-    xr = xs = xt = yr = ys = yt = zr = zs = zt = zero
-    for a in range(1, 8):
-        dr = splat(GRADIENTS_AT_GAUSS[g, a, 0])
-        ds = splat(GRADIENTS_AT_GAUSS[g, a, 1])
-        dt = splat(GRADIENTS_AT_GAUSS[g, a, 2])
-        x = load(difference, 3 * W * a)
-        y = load(difference, 3 * W * a + W)
-        z = load(difference, 3 * W * a + 2 * W)
-        xr, xs, xt = fma(x, dr, xr), fma(x, ds, xs), fma(x, dt, xt)
-        yr, ys, yt = fma(y, dr, yr), fma(y, ds, ys), fma(y, dt, yt)
-        zr, zs, zt = fma(z, dr, zr), fma(z, ds, zs), fma(z, dt, zt)
-    rx, sx, tx = load(table, row), load(table, row + W), load(table, row + 2 * W)
-    ry, sy, ty = load(table, row + 3 * W), load(table, row + 4 * W), load(table, row + 5 * W)
-    rz, sz, tz = load(table, row + 6 * W), load(table, row + 7 * W), load(table, row + 8 * W)
-    return (
-        fma(xr, rx, fma(xs, sx, xt * tx)),
-        fma(xr, ry, fma(xs, sy, xt * ty)),
-        fma(xr, rz, fma(xs, sz, xt * tz)),
-        fma(yr, rx, fma(ys, sx, yt * tx)),
-        fma(yr, ry, fma(ys, sy, yt * ty)),
-        fma(yr, rz, fma(ys, sz, yt * tz)),
-        fma(zr, rx, fma(zs, sx, zt * tx)),
-        fma(zr, ry, fma(zs, sy, zt * ty)),
-        fma(zr, rz, fma(zs, sz, zt * tz)),
-    )
-
-
-@njit(inline="always", **_options)
-def _add_stress(forces, table, row, g, pxx, pxy, pxz, pyx, pyy, pyz, pzx, pzy, pzz):
-    """Add ``P dN_a/dx`` of a Gauss point to the forces of nodes 1 to 7; ``P`` has the volume in it."""
-    rx, sx, tx = load(table, row), load(table, row + W), load(table, row + 2 * W)
-    ry, sy, ty = load(table, row + 3 * W), load(table, row + 4 * W), load(table, row + 5 * W)
-    rz, sz, tz = load(table, row + 6 * W), load(table, row + 7 * W), load(table, row + 8 * W)
-    xr, xs = fma(pxx, rx, fma(pxy, ry, pxz * rz)), fma(pxx, sx, fma(pxy, sy, pxz * sz))
-    yr, ys = fma(pyx, rx, fma(pyy, ry, pyz * rz)), fma(pyx, sx, fma(pyy, sy, pyz * sz))
-    zr, zs = fma(pzx, rx, fma(pzy, ry, pzz * rz)), fma(pzx, sx, fma(pzy, sy, pzz * sz))
-    xt = fma(pxx, tx, fma(pxy, ty, pxz * tz))
-    yt = fma(pyx, tx, fma(pyy, ty, pyz * tz))
-    zt = fma(pzx, tx, fma(pzy, ty, pzz * tz))
-    for a in range(1, 8):
-        dr = splat(GRADIENTS_AT_GAUSS[g, a, 0])
-        ds = splat(GRADIENTS_AT_GAUSS[g, a, 1])
-        dt = splat(GRADIENTS_AT_GAUSS[g, a, 2])
-        j = 3 * W * a
-        store(forces, j, fma(xr, dr, fma(xs, ds, fma(xt, dt, load(forces, j)))))
-        j += W
-        store(forces, j, fma(yr, dr, fma(ys, ds, fma(yt, dt, load(forces, j)))))
-        j += W
-        store(forces, j, fma(zr, dr, fma(zs, ds, fma(zt, dt, load(forces, j)))))
 
 
 _f8, _nodal = types.float64[::1], types.float64[:, ::1]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.locating import interpolation, locate
 from pdfem_mpi.measure.fields import Fields
+from pdfem_mpi.measure.geometry import Geometry
 
 
-def displacement_at(discretization: Discretization, fields: Fields, point) -> np.ndarray:
+def displacement_at(geometry: Geometry, fields: Fields, point) -> np.ndarray:
     """Displacement at a point of the body, by the shape functions of its cell.
 
     In a cell with elements or overlap the nodes are interpolated, in a peridynamic cell the trilinear function
@@ -21,20 +21,20 @@ def displacement_at(discretization: Discretization, fields: Fields, point) -> np
     float64, shape (3,), dimension length
     """
     point = np.asarray(point, float)
-    return interpolate(discretization, fields, locate(discretization, point)[0], point)
+    return interpolate(geometry, fields, locate(geometry, point)[0], point)
 
 
-def interpolate(discretization: Discretization, fields: Fields, holders: dict[int, np.ndarray], point) -> np.ndarray:
+def interpolate(geometry: Geometry, fields: Fields, holders: dict[int, np.ndarray], point) -> np.ndarray:
     """Mean over the holders of their own interpolation, and their mirror images', at the nearest of their points."""
     total = np.zeros(3)
     for cell, coordinates in holders.items():
-        shape = interpolation(discretization.has_nodes[cell], coordinates)
-        if discretization.has_nodes[cell]:
-            values = fields.u_nodes[discretization.node_number[discretization.mesh.cells[cell]]]
+        shape = interpolation(geometry.has_nodes[cell], coordinates)
+        if geometry.has_nodes[cell]:
+            values = fields.u_nodes[geometry.node_row[geometry.mesh.cells[cell]]]
         else:
-            values = fields.u_points.reshape(-1, 8, 3)[discretization.point_cell_number[cell]]
+            values = fields.u_points.reshape(-1, 8, 3)[geometry.point_row[cell]]
         total += (shape[:, None] * values).sum(axis=0)
-    units, mesh = discretization.units, discretization.mesh
+    units, mesh = geometry.units, geometry.mesh
     place = (np.clip(point, mesh.lower, mesh.upper)[None] - units.origin) / units.length
-    total[discretization.mirrors.normal_components(place, mesh.tolerance / units.length)[0]] = 0.0
+    total[geometry.mirrors.normal_components(place, mesh.tolerance / units.length)[0]] = 0.0
     return total / len(holders)

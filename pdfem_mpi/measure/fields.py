@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.kernels.hex8 import gauss_positions
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.slabs import gather_rows, gather_slabs
@@ -23,7 +22,7 @@ class Fields:
     Attributes
     ----------
     u_points : float64, shape (n_points, 3), dimension length
-        Point ids are ``8 number + g``, cells with points numbered in the order of the mesh; the overlap included.
+        Cells with points in the order of the mesh, the overlap included; eight points each.
     u_nodes : float64, shape (n_nodes, 3), dimension length
         Nodes of elements and overlap, in the order of the mesh.
     """
@@ -32,7 +31,7 @@ class Fields:
     u_nodes: np.ndarray | None
 
 
-def gather_fields(discretization: Discretization, forces: Forces, u: np.ndarray) -> Fields | None:
+def gather_fields(share: Share, forces: Forces, u: np.ndarray) -> Fields | None:
     """Collect the displacements at the forces' last evaluation; None except on rank 0. Collective.
 
     Parameters
@@ -40,23 +39,21 @@ def gather_fields(discretization: Discretization, forces: Forces, u: np.ndarray)
     u : float64, shape (n_unknowns,)
         The displacements of that evaluation, model units.
     """
-    model, length = forces.model, discretization.units.length
+    model, length = forces.model, share.units.length
     u_points = u_nodes = None
     if model.points:
         rows = forces.point_displacements().reshape(-1, 8, 3)
-        cells = model.points.cell_number[: model.points.n_owned]
-        gathered = gather_rows(model.comm, cells, rows, discretization.n_point_cells)
+        gathered = gather_rows(model.comm, share.own_point_rows, rows, share.counts.point_cells)
         u_points = None if gathered is None else gathered.reshape(-1, 3) * length
     if model.nodes:
         rows = model.unknowns.of_nodes(u)
-        number = model.nodes.number[: model.nodes.n_owned]
-        gathered = gather_rows(model.comm, number, rows, discretization.n_nodes)
+        gathered = gather_rows(model.comm, share.own_node_rows, rows, share.counts.nodes)
         u_nodes = None if gathered is None else gathered * length
     return Fields(u_points, u_nodes) if model.comm.rank == 0 else None
 
 
 def gather_damage(
-    discretization: Discretization, model: Model, remaining: Remaining | None = None, failure: Failure | None = None
+    share: Share, model: Model, remaining: Remaining | None = None, failure: Failure | None = None
 ) -> np.ndarray | None:
     """Local damage (eq. 5) of all points in global order; None except on rank 0, or if not asked for. Collective.
 
@@ -73,13 +70,12 @@ def gather_damage(
     """
     if model.intact_weights is None:
         return None
-    cells = model.points.cell_number[: model.points.n_owned]
     body = model.comm, model.points, model.bonds
     now = None
     if remaining is not None:
         now = remaining.without(*body, failure.take_pairs() if failure else np.empty((0, 2), np.int64))
     rows = local_damage(*body, model.intact_weights, now)
-    gathered = gather_rows(model.comm, cells, rows, discretization.n_point_cells)
+    gathered = gather_rows(model.comm, share.own_point_rows, rows, share.counts.point_cells)
     return None if gathered is None else gathered.reshape(-1)
 
 
@@ -92,33 +88,21 @@ def fields_sha256(fields: Fields) -> str:
     return total.hexdigest()
 
 
-def digest_fields(discretization: Discretization, forces: Forces, u: np.ndarray) -> str | None:
+def digest_fields(share: Share, forces: Forces, u: np.ndarray) -> str | None:
     """`fields_sha256` of what `gather_fields` would collect, a slab at a time; None except on rank 0. Collective."""
-    model, length = forces.model, discretization.units.length
+    model, length = forces.model, share.units.length
     total = hashlib.sha256()
     parts = []
     if model.points:
-        cells = model.points.cell_number[: model.points.n_owned]
-        n_cells = discretization.n_point_cells
-        parts.append((cells, forces.point_displacements().reshape(-1, 8, 3), n_cells, (8 * n_cells, 3)))
+        n_cells = share.counts.point_cells
+        parts.append((share.own_point_rows, forces.point_displacements().reshape(-1, 8, 3), n_cells, (8 * n_cells, 3)))
     if model.nodes:
-        number = model.nodes.number[: model.nodes.n_owned]
         rows = model.unknowns.of_nodes(u)
-        parts.append((number, rows, discretization.n_nodes, (discretization.n_nodes, 3)))
+        n_nodes = share.counts.nodes
+        parts.append((share.own_node_rows, rows, n_nodes, (n_nodes, 3)))
     for ids, rows, n, shape in parts:
         total.update(f"{shape}".encode())
         for _, slab in gather_slabs(model.comm, ids, rows, n):
             if slab is not None:
                 total.update((slab * length).tobytes())
     return total.hexdigest() if model.comm.rank == 0 else None
-
-
-def point_positions(discretization: Discretization) -> np.ndarray:
-    """Positions of all collocation points in global order, shape (n_points, 3), deck units."""
-    mesh = discretization.mesh
-    return gauss_positions(mesh.nodes[mesh.cells[discretization.has_points]]).reshape(-1, 3)
-
-
-def node_positions(discretization: Discretization) -> np.ndarray:
-    """Positions of all nodes of elements in global order, shape (n_nodes, 3), deck units."""
-    return discretization.mesh.nodes[discretization.node_number >= 0]

@@ -16,8 +16,8 @@ from pdfem_mpi.finite_elements.elements import TurningElements
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import agree, largest
 
-#: Strains from here on are told: stresses of elements and of bonds then differ by a tenth.
-TOLD = 0.1
+#: The run warns of larger strains: stresses of elements and of bonds then differ by a tenth.
+WARNING_STRAIN = 0.1
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,8 @@ class Deformation:
     strain : float
         Largest ``|E|``, the root of the sum of the squares of Green's strains.
     place : str
-        Middle at rest of the element that is turned inside out or, strained beyond `TOLD`, most; in the deck's units.
+        Middle at rest of the element that is turned inside out, or of the one strained most if that is beyond
+        `WARNING_STRAIN`; in the deck's units.
     """
 
     volume_ratio: float
@@ -41,7 +42,7 @@ class Deformation:
     @property
     def warning(self) -> str:
         """A sentence about strains that cannot be trusted; empty where there are none."""
-        if not self.strain > TOLD:
+        if not self.strain > WARNING_STRAIN:
             return ""
         return (
             f"warning: finite elements are strained by up to {100.0 * self.strain:.3g} %, the one about {self.place} "
@@ -77,7 +78,7 @@ def measure_elements(model: Model, u: np.ndarray) -> Deformation | None:
     extremes = [[-ratio.min(initial=np.inf), strain.max(initial=0.0)] for _, ratio, strain in found]
     least, strain = largest(model.comm, np.array(extremes).max(axis=0)).tolist()
     place, inside_out = "", not least < 0.0
-    if inside_out or strain > TOLD:
+    if inside_out or strain > WARNING_STRAIN:
         chosen = [~(ratio > -least) if inside_out else strains == strain for _, ratio, strains in found]
         texts = [text for (part, _, _), rows in zip(found, chosen, strict=True) for text in _places(model, part, rows)]
         place = min(agree(model.comm, sorted(texts)[:1]))

@@ -78,28 +78,32 @@ class HexMesh:
         return total / 8.0
 
     @cached_property
+    def _edge_range(self) -> tuple[float, float]:
+        edges = self.edges()
+        return float(edges.min()), float(edges.max())
+
+    @property
     def largest_edge(self) -> float:
         """Longest edge of all cells, dimension length."""
-        return float(self._edges().max())
+        return self._edge_range[1]
 
-    @cached_property
+    @property
     def smallest_edge(self) -> float:
         """Shortest edge of all cells, dimension length."""
-        return float(self._edges().min())
+        return self._edge_range[0]
 
-    @cached_property
+    @property
     def mean_edge(self) -> float:
         """Half-way between the shortest and the longest edge of all cells, dimension length."""
-        edges = self._edges()
-        return 0.5 * (float(edges.min()) + float(edges.max()))
+        return 0.5 * (self.smallest_edge + self.largest_edge)
 
     @cached_property
     def average_edge(self) -> float:
         """Mean over the twelve edges of all cells, the same bits in any numbering, dimension length."""
-        edges = self._edges()
-        return math.fsum(edges.reshape(-1)) / edges.size
+        return math.fsum(self.edges().reshape(-1)) / (12 * len(self.cells))
 
-    def _edges(self) -> np.ndarray:
+    def edges(self) -> np.ndarray:
+        """Lengths of the twelve edges of each cell; float64, shape (12, n_cells), dimension length."""
         corners = self.nodes[self.cells]
         return np.stack([np.linalg.norm(corners[:, a] - corners[:, b], axis=1) for a, b in EDGES])
 

@@ -78,22 +78,22 @@ def check_launcher(comm: Intracomm) -> str | None:
     return None
 
 
-_heard: list[Callable[[], None]] = []
+_observers: list[Callable[[], None]] = []
 
 
 @contextmanager
-def hearing(beat: Callable[[], None]) -> Iterator[None]:
-    """Call ``beat`` whenever this rank heard from the others: a sum, a word or a slab of rows came through."""
-    _heard.append(beat)
+def observing_progress(beat: Callable[[], None]) -> Iterator[None]:
+    """Call ``beat`` whenever something comes through from the other ranks: a sum, an object or a slab of rows."""
+    _observers.append(beat)
     try:
         yield
     finally:
-        _heard.remove(beat)
+        _observers.remove(beat)
 
 
 def report_progress() -> None:
-    """Tell those who hear that this rank heard from the others."""
-    for beat in _heard:
+    """Call the observers: something came through from the other ranks."""
+    for beat in _observers:
         beat()
 
 
@@ -149,9 +149,9 @@ def agree(comm: Intracomm, messages: list[str]) -> list[str]:
     return list(dict.fromkeys(message for own in everybody for message in own))
 
 
-def broadcast(comm: Intracomm, value: T) -> T:
-    """Return rank 0's ``value`` (any object that can be pickled) on every rank. Collective."""
-    word = comm.bcast(value, root=0)
+def broadcast(comm: Intracomm, value: T, root: int = 0) -> T:
+    """Return a rank's ``value`` (any object that can be pickled) on every rank. Collective."""
+    word = comm.bcast(value, root=root)
     report_progress()
     return word
 

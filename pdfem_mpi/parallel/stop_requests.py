@@ -66,7 +66,7 @@ class StopRequests:
     comm : Intracomm
     requests : Requests
         What signals ask.
-    keeper : CheckpointWriter
+    checkpoints : CheckpointWriter
         Its ``save(state) -> bool`` and ``remember(state)`` are called, collectively.
     settings : scene.Checkpoint
     end : float or None
@@ -78,8 +78,8 @@ class StopRequests:
         Seconds that the last checkpoint took, a guess until one was written.
     """
 
-    def __init__(self, comm: Intracomm, requests: Requests, keeper: Any, settings: Any, end: float | None = None):
-        self.comm, self.requests, self.keeper, self.settings, self.end = comm, requests, keeper, settings, end
+    def __init__(self, comm: Intracomm, requests: Requests, checkpoints: Any, settings: Any, end: float | None = None):
+        self.comm, self.requests, self.checkpoints, self.settings, self.end = comm, requests, checkpoints, settings, end
         self.cost = FIRST_COST
         self._last = monotonic()
         self._kept: tuple[float, ...] | None = None
@@ -116,7 +116,7 @@ class StopRequests:
             On all ranks.
         """
         stop, save = (int(vote) for vote in sum_integers(self.comm, np.array(self.votes())))
-        self.keeper.remember(state)
+        self.checkpoints.remember(state)
         if stop:
             self._stop(state)
         elif save or self._steps_due(state):
@@ -131,7 +131,7 @@ class StopRequests:
         if self._kept == place_of(state):
             return True  # not twice
         start = monotonic()
-        kept = self.keeper.save(state)
+        kept = self.checkpoints.save(state)
         self._last = monotonic()
         self.cost, self._step = self._last - start, state.step
         if kept:

@@ -10,7 +10,7 @@ from collections import deque
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from pdfem_mpi.parallel.comm import hearing
+from pdfem_mpi.parallel.comm import observing_progress
 from pdfem_mpi.system.exit_codes import EXIT_INTERNAL_ERROR
 
 if TYPE_CHECKING:
@@ -35,9 +35,9 @@ class NoWatchdog:
 class Watchdog:
     """A thread that ends all ranks when this one has heard nothing from the others for too long.
 
-    Within it, every sum or word that comes through from the others is a beat (`parallel.comm.hearing`). It dumps the
-    stacks of all threads first. Where even the thread cannot run, because something holds Python's lock, the timer of
-    `faulthandler` ends the process after twice the time.
+    Within it, every sum or word that comes through from the others is a beat (`parallel.comm.observing_progress`). It
+    dumps the stacks of all threads first. Where even the thread cannot run, because something holds Python's lock, the
+    timer of `faulthandler` ends the process after twice the time.
 
     Parameters
     ----------
@@ -58,16 +58,16 @@ class Watchdog:
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
         self._armed = 0.0
-        self._hearing = hearing(self.beat)
+        self._observing = observing_progress(self.beat)
 
     def __enter__(self) -> Watchdog:
         self.beat()
-        self._hearing.__enter__()
+        self._observing.__enter__()
         self._thread.start()
         return self
 
     def __exit__(self, *exception: Any) -> None:
-        self._hearing.__exit__(*exception)
+        self._observing.__exit__(*exception)
         self._over.set()
         self._thread.join()
         faulthandler.cancel_dump_traceback_later()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.materials import bond_stretches
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
@@ -17,34 +17,29 @@ UNBREAKABLE = 1e100
 MOST_CLASSES = 256
 
 
-def point_classes(scene: Scene, discretization: Discretization) -> np.ndarray:
+def point_classes(scene: Scene, share: Share) -> np.ndarray:
     """Class of the points of each cell, by which bonds know their critical stretch; int64, shape (n_cells,).
 
     The cell's region. Peridynamic cells that follow nodes all the same, by which fitted factors join bodies, count as
     a region more each: that of their cells beside them, numbered behind all regions.
     """
-    joint = discretization.is_peridynamic & discretization.is_overlap
-    classes = discretization.region.astype(np.int64)
-    classes[joint] = len(scene.regions) + np.searchsorted(_with_joints(discretization), classes[joint])
+    joint = share.is_peridynamic & share.is_overlap
+    classes = share.region.astype(np.int64)
+    classes[joint] = len(scene.regions) + np.searchsorted(share.joint_regions, classes[joint])
     return classes
 
 
-def _with_joints(discretization: Discretization) -> np.ndarray:
-    """Regions with peridynamic cells that follow nodes, rising."""
-    return np.unique(discretization.region[discretization.is_peridynamic & discretization.is_overlap])
-
-
-def critical_stretches(scene: Scene, discretization: Discretization) -> np.ndarray:
+def critical_stretches(scene: Scene, share: Share) -> np.ndarray:
     """Critical stretch of the bonds between points of two classes, float64, shape (n_classes, n_classes)."""
-    cutoff_ratio = discretization.cutoff / (1.0 + CUTOFF_GUARD)
-    of_materials = bond_stretches(scene, discretization.units.length, cutoff_ratio)
-    regions = [*scene.regions, *(scene.regions[k] for k in _with_joints(discretization))]
+    cutoff_ratio = share.cutoff / (1.0 + CUTOFF_GUARD)
+    of_materials = bond_stretches(scene, share.units.length, cutoff_ratio)
+    regions = [*scene.regions, *(scene.regions[k] for k in share.joint_regions)]
     if len(regions) > MOST_CLASSES:
         raise SceneError([
             f"regions are {len(scene.regions)}, and those with joints of fitted bodies count twice where bonds may "
             f"break: {len(regions)} in all, and at most {MOST_CLASSES} can be told apart. Join some of them."
         ])  # fmt: skip
-    material = np.array([discretization.materials.names.index(region.material) for region in regions])
+    material = np.array([share.materials.names.index(region.material) for region in regions])
     may = np.array([region.may_fail is not False for region in regions])
     # All points of element regions follow nodes; a deck that says so lets bonds between them break.
     follows = np.array([k >= len(scene.regions) or r.model != "peridynamics" for k, r in enumerate(regions)])

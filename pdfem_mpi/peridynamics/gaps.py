@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.deck.meshes import BoxMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.gap_cuts import cut_gaps
@@ -38,11 +38,11 @@ class Gaps:
         cut_gaps(*rows.arrays, points.x, self.scale, self.removed, self.sums, points.material, finite, counts)
 
 
-def with_gaps(scene: Scene, discretization: Discretization, points: Points) -> Points:
+def with_gaps(scene: Scene, units: ModelUnits, points: Points) -> Points:
     """The points with the gaps between them, where the deck removes cells of its box."""
     if not isinstance(scene.mesh, BoxMesh) or not scene.mesh.remove or not points.n_clusters:
         return points
-    mesh, units = scene.mesh, discretization.units
+    mesh = scene.mesh
     lower, upper, n = np.array(mesh.lower), np.array(mesh.upper), np.array(mesh.n_cells)
     edge = (upper - lower) / n
     scale = np.stack([units.length / edge, (units.origin - lower) / edge])

@@ -8,7 +8,8 @@ elsewhere is known before a number is read. HDF5's own tools open it as any othe
     header          JSON as bytes: what ran, where it was, what the results were then
     points/u ...    float64 (n, 3): the fields of the state on free points, in the order of cells, 8 each
     nodes/u ...     float64 (n, 3): the same on nodes
-    broken          uint32 or uint64 (n, 2): bonds broken so far, point ids i < j, sorted
+    broken          uint32 or uint64 (n, 2): bonds broken so far, point ids i < j, sorted; ids are 8 times the number
+                    of the cell in the mesh, and 0 to 7 (format 1: its number among the cells with points)
 
 Broken bonds are pairs and not bits over all bonds: pairs need no enumeration of all bonds, which no rank has, and the
 file stays small until most of the body is rubble (docs/restart.md has the sizes).
@@ -39,7 +40,8 @@ from pdfem_mpi.results.own_storage import elsewhere
 from pdfem_mpi.system import faults
 from pdfem_mpi.system.files import sync
 
-FORMAT = 1
+#: Rises with the content; earlier ones are read. The header has it as ``schema``.
+FORMAT = 2
 MAGIC = b"pdfem_mpi checkpoint\n"
 SEAL = 512
 HEADER = "header"

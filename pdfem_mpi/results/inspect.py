@@ -8,7 +8,7 @@ from pathlib import Path
 from pdfem_mpi.results.checkpoint import Invalid, check
 from pdfem_mpi.results.checkpoint_files import list_checkpoints
 from pdfem_mpi.results.cursor import find_damage
-from pdfem_mpi.results.summary import look_at_summary
+from pdfem_mpi.results.summary_file import check_summary
 from pdfem_mpi.system.lock import owner_of
 from pdfem_mpi.system.plain_files import read_plain
 
@@ -68,7 +68,7 @@ def _describe_folder(folder: Path) -> tuple[str, Rows, str | None]:
             rows.append((path.name, f"not sound: {error}"))
             continue
         if not sound:
-            damage = find_damage(folder, header["results"]) + look_at_summary(folder)[1]
+            damage = find_damage(folder, header["results"]) + check_summary(folder)[1]
             rows.append(("results", "; ".join(damage) or "as they were written"))
         sound += 1
         state = header["state"]

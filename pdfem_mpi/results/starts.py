@@ -81,8 +81,8 @@ class Starts:
             }
         )
 
-    def settle(self) -> None:
-        """The run goes into its folder: what was of another run is over."""
+    def commit(self) -> None:
+        """This start has begun to change the folder: the lines of another run are removed."""
         if self._anew:
             self._anew = False
             with contextlib.suppress(OSError):
@@ -99,8 +99,8 @@ class Starts:
         """This start has ended; without a code, in the middle."""
         self._write({"seconds": seconds, "ended": code, "did_nothing": did_nothing, "notes": notes})
 
-    def take_back(self) -> None:
-        """This start was refused: it does not count."""
+    def withdraw(self) -> None:
+        """This start was refused: its lines are removed."""
         if not self._anew:
             with contextlib.suppress(OSError):
                 if self._size:

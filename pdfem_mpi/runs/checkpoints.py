@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.state import State
@@ -29,12 +29,10 @@ from pdfem_mpi.system import faults
 if TYPE_CHECKING:
     pass
 from pdfem_mpi.runs.environment import environment
-from pdfem_mpi.runs.start import FOLDER, RestartPoint
+from pdfem_mpi.runs.restart_point import FOLDER, RestartPoint
 
 #: So many checkpoints that could not be written, one after the other, end the run.
 MOST_FAILURES = 3
-#: What a file's header calls the version of its content; the form of the file has another number.
-SCHEMA = 1
 
 
 class CheckpointContents(NamedTuple):
@@ -61,7 +59,7 @@ class CheckpointWriter:
     Parameters
     ----------
     scene : Scene
-    discretization : Discretization
+    share : Share
     forces : Forces
         Of the run: knows its evaluations.
     failure : Failure or None
@@ -70,8 +68,8 @@ class CheckpointWriter:
         The run folder.
     flush : callable
         On rank 0: bring the result files to the disk and return how far they are, by name.
-    tell : callable
-        Hears a line of every checkpoint.
+    report : callable
+        Called with a line about every checkpoint.
     start : RestartPoint
     started : float
         Time of ``perf_counter`` at which this start of the run began.
@@ -91,30 +89,31 @@ class CheckpointWriter:
     def __init__(
         self,
         scene: Scene,
-        discretization: Discretization,
+        share: Share,
         forces: Forces,
         failure: Failure | None,
         out: Path,
         flush: Callable[[], dict[str, dict[str, int]]],
-        tell: Callable[[str], None],
+        report: Callable[[str], None],
         start: RestartPoint,
         started: float,
     ):
         self.comm, self.forces, self.model, self.failure = forces.model.comm, forces, forces.model, failure
-        self.layout = make_layout(discretization, forces.model)
+        self.layout = make_layout(share)
         self.folder, self.keep = out / FOLDER, scene.checkpoint.keep
         self.written = self.failed = self.size = 0
         self.seconds = self.seconds_in_all = 0.0
-        self.restarts = start.restarts
-        self._flush, self._tell = flush, tell
+        self._flush, self._report, self.restarts = flush, report, start.restarts
         self._before, self._started = start.seconds_before, started
         self._failures, self._number = 0, 0
         self.good: tuple[State, CheckpointContents] | None = None
         if self.comm.rank == 0:
-            keys = identity(scene, discretization)
+            from pdfem_mpi.results.checkpoint import FORMAT
+
+            keys = identity(scene, share)
             self._fixed = {
                 "program": "pdfem_mpi",
-                "schema": SCHEMA,
+                "schema": FORMAT,
                 **environment(),
                 "python": platform.python_version(),
                 "ranks": self.comm.size,
@@ -131,19 +130,19 @@ class CheckpointWriter:
         """Hold a copy of a good state, for the case that the next step fails; the beginning needs none."""
         self.good = None  # not two copies at a time
         if state.step:
-            self.good = copy.deepcopy(state), self._moment()
+            self.good = copy.deepcopy(state), self._contents()
 
     def save_good(self) -> bool:
         """Write the last good state, if it was not the beginning. Collective."""
         return self.save(*self.good) if self.good else False
 
-    def save(self, state: State, moment: CheckpointContents | None = None) -> bool:
+    def save(self, state: State, contents: CheckpointContents | None = None) -> bool:
         """Write a checkpoint by the protocol of results/checkpoint.py. Collective.
 
         Returns
         -------
         bool
-            False: it could not be written, older ones are as they were, and the user was told.
+            False: it could not be written, older ones are as they were, and the user was warned.
 
         Raises
         ------
@@ -153,15 +152,15 @@ class CheckpointWriter:
         faults.begin("agree")
         begun = perf_counter()
         comm = self.comm
-        moment = moment or self._moment()
-        header = self._header(state, moment)
+        contents = contents or self._contents()
+        header = self._header(state, contents)
         writer, problem = None, None
         if comm.rank == 0:
             try:
                 writer = self._open(header, state)
             except OSError as error:
                 problem = error
-        write_tables(self.model, self.layout, state.fields, moment.broken, writer)
+        write_tables(self.model, self.layout, state.fields, contents.broken, writer)
         if writer:
             try:
                 self.size = writer.finish(header)
@@ -177,7 +176,7 @@ class CheckpointWriter:
             faults.begin("rotate")
             if comm.rank == 0:
                 self._rotate()
-                self._tell(
+                self._report(
                     f"checkpoint {writer.path.name}: step {state.step}, iteration {state.iteration}, "
                     f"{self.size / 1e6:.1f} MB in {self.seconds:.2f} s"
                 )
@@ -187,10 +186,10 @@ class CheckpointWriter:
         sentence = f"{self.folder}: a checkpoint cannot be written ({reason})"
         if self._failures >= MOST_FAILURES:
             raise NotWritten(f"{sentence}, {MOST_FAILURES} times in a row.")
-        self._tell(f"warning: {sentence}; older ones are kept. Free space.")
+        self._report(f"warning: {sentence}; older ones are kept. Free space.")
         return False
 
-    def _moment(self) -> CheckpointContents:
+    def _contents(self) -> CheckpointContents:
         """What a checkpoint holds beside the state, as it is now."""
         failure, evaluations = self.failure, self.forces.evaluations
         if failure is None:
@@ -198,7 +197,7 @@ class CheckpointWriter:
         books = {"dissipated": failure.dissipated_digits.tolist(), "last_extent": failure.last_extent.tolist()}
         return CheckpointContents(evaluations, failure.broken_pairs(), books)
 
-    def _header(self, state: State, moment: CheckpointContents) -> dict[str, Any]:
+    def _header(self, state: State, contents: CheckpointContents) -> dict[str, Any]:
         """Everything that is not a table. Collective."""
         numbers = {
             "step": state.step,
@@ -210,7 +209,7 @@ class CheckpointWriter:
             "bounds": asdict(state.bounds),
             "program": {name: _plain(value) for name, value in state.program.items()},
         }
-        broken, wide = total_broken(self.model, moment.broken)
+        broken, wide = total_broken(self.model, contents.broken)
         if self.comm.rank > 0:
             return {}
         return self._fixed | {
@@ -218,8 +217,8 @@ class CheckpointWriter:
             "state": numbers,
             "broken_bonds": broken,
             "wide": wide,
-            "failure": moment.books,
-            "evaluations": moment.evaluations,
+            "failure": contents.books,
+            "evaluations": contents.evaluations,
             "seconds": self.elapsed,
             "restarts": self.restarts,
         }

@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.materials import bond_stretches, materials_of
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.model.model import Model
+from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE, critical_stretches, lets_overlap_fail, point_classes
 from pdfem_mpi.peridynamics.failure import Failure
 
@@ -51,11 +52,11 @@ class Criterion:
     fracture_energy_own_bonds: tuple[float, float, float] | None
 
 
-def criteria(scene: Scene, discretization: Discretization, model: Model) -> dict[str, Criterion]:
+def criteria(scene: Scene, share: Share, model: Model) -> dict[str, Criterion]:
     """The criterion of each material that can fail, by name; empty where no bond can."""
     if model.own_energy is None:
         return {}
-    units, ratio = discretization.units, discretization.cutoff / (1.0 + CUTOFF_GUARD)
+    units, ratio = share.units, share.cutoff / (1.0 + CUTOFF_GUARD)
     stretches = np.diag(bond_stretches(scene, units.length, ratio))
     found = {}
     for (name, material), stretch, own in zip(materials_of(scene).items(), stretches, model.own_energy, strict=True):
@@ -72,12 +73,12 @@ def criteria(scene: Scene, discretization: Discretization, model: Model) -> dict
 
 
 def failure_summary(
-    scene: Scene, discretization: Discretization, failure: Failure | None, found: dict[str, Criterion]
+    scene: Scene, share: Share, failure: Failure | None, found: dict[str, Criterion]
 ) -> dict[str, Any] | None:
     """What ``summary.json`` says of the criterion; None where no bond can break."""
     if failure is None:
         return None
-    length, cutoff = discretization.units.length, discretization.cutoff / (1.0 + CUTOFF_GUARD)
+    length, cutoff = share.units.length, share.cutoff / (1.0 + CUTOFF_GUARD)
     return {
         "internal_length": length,
         "internal_length_given": scene.peridynamics.internal_length is not None,
@@ -87,9 +88,9 @@ def failure_summary(
 
 
 def describe_criterion(
-    scene: Scene, discretization: Discretization, failure: Failure | None, found: dict[str, Criterion]
+    scene: Scene, share: Share, failure: Failure | None, found: dict[str, Criterion]
 ) -> Iterator[str]:
-    """Sentences about what a user should know before bonds break."""
+    """Sentences about what a user should know before bonds break. Collective."""
     if failure is None:
         return
     if failure.nearest:
@@ -99,9 +100,9 @@ def describe_criterion(
             '"virial" for peaks.'
         )
     if scene.peridynamics.internal_length is None:
-        yield from _lengths(scene, discretization.units.length, found)
-    yield from _overlap_that_fails(scene, discretization)
-    yield from _shallow_overlap(scene, discretization)
+        yield from _lengths(scene, share.units.length, found)
+    yield from _overlap_that_fails(scene, share)
+    yield from _shallow_overlap(scene, share)
 
 
 def _lengths(scene: Scene, length: float, found: dict[str, Criterion]) -> Iterator[str]:
@@ -125,10 +126,10 @@ def _lengths(scene: Scene, length: float, found: dict[str, Criterion]) -> Iterat
         )
 
 
-def _overlap_that_fails(scene: Scene, discretization: Discretization) -> Iterator[str]:
+def _overlap_that_fails(scene: Scene, share: Share) -> Iterator[str]:
     """Decks that let bonds break where no crack can open."""
     for index, region in enumerate(scene.regions):
-        if lets_overlap_fail(region) and (discretization.is_overlap & (discretization.region == index)).any():
+        if lets_overlap_fail(region) and index in share.overlap_regions:
             yield (
                 f"warning: regions.{index}.may_fail = true lets bonds between two points of the overlap break, in "
                 f"{region.name}. Both follow element nodes, so that no crack opens there, and they may be the first "
@@ -136,15 +137,15 @@ def _overlap_that_fails(scene: Scene, discretization: Discretization) -> Iterato
             )
 
 
-def _shallow_overlap(scene: Scene, discretization: Discretization) -> Iterator[str]:
+def _shallow_overlap(scene: Scene, share: Share) -> Iterator[str]:
     """Bonds from free points into an overlap shallower than the internal length, if any may break."""
-    if not discretization.is_overlap.any():
+    if not share.counts.overlap_cells:
         return
-    edge = discretization.mesh.average_edge / discretization.units.length
+    edge = share.average_edge(np.ones_like(share.has_points)) / share.units.length
     depth = scene.coupling.overlap * edge
-    if depth >= SHALLOW or not _reaches_into_overlap(scene, discretization):
+    if depth >= SHALLOW or not _reaches_into_overlap(scene, share):
         return
-    unit = discretization.units.length
+    unit = share.units.length
     yield (
         f"note: bonds may break that reach into the overlap, which is {depth * unit:.4g} deep and shallower than the "
         f"internal length {unit:.6g}: they stretch further than others, twice as far in an overlap half as deep. Use "
@@ -153,19 +154,24 @@ def _shallow_overlap(scene: Scene, discretization: Discretization) -> Iterator[s
     )
 
 
-def _reaches_into_overlap(scene: Scene, discretization: Discretization) -> bool:
-    """Whether a bond that may break joins a free point to one of the overlap."""
-    classes, stretch = point_classes(scene, discretization), critical_stretches(scene, discretization)
-    follows = discretization.is_overlap
-    corners = discretization.nodes[discretization.mesh.cells]
+def _reaches_into_overlap(scene: Scene, share: Share) -> bool:
+    """Whether a bond that may break joins a free point to one of the overlap. Collective."""
+    return bool(sum_integers(share.comm, np.array([_reaches_here(scene, share)]))[0])
+
+
+def _reaches_here(scene: Scene, share: Share) -> bool:
+    """The same of the overlap cells of this rank."""
+    classes, stretch = point_classes(scene, share), critical_stretches(scene, share)
+    follows = share.is_overlap & share.is_owned
+    corners = share.nodes[share.mesh.cells]
     for theirs in np.unique(classes[follows]):
         open_to = np.flatnonzero(stretch[theirs] < UNBREAKABLE)
-        free = np.isin(classes, open_to) & discretization.has_points & ~follows
+        free = np.isin(classes, open_to) & share.has_points & ~share.is_overlap
         if not free.any():
             continue
         tree = cKDTree(gauss_positions(corners[free]).reshape(-1, 3))
         points = gauss_positions(corners[follows & (classes == theirs)]).reshape(-1, 3)
-        distance, _ = tree.query(points, distance_upper_bound=discretization.cutoff)
+        distance, _ = tree.query(points, distance_upper_bound=share.cutoff)
         if np.isfinite(distance).any():
             return True
     return False

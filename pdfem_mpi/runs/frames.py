@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pdfem_mpi import __version__
-from pdfem_mpi.measure.fields import Fields, point_positions
+from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.results.cursor import continue_frames, set_aside
 from pdfem_mpi.results.frame_digest import FrameDigest
 from pdfem_mpi.runs.output import Output, Place
@@ -64,31 +64,31 @@ def create_points(place: Place, path: Path) -> None:
     """Write the geometry of the peridynamic points."""
     from pdfem_mpi.results import vtkhdf
 
-    discretization = place.discretization
-    chosen = discretization.has_points
+    geometry = place.geometry
+    chosen = geometry.has_points
     data = {
         "global_id": np.arange(8 * np.count_nonzero(chosen)),
-        "region": np.repeat(discretization.region[chosen], 8),
-        "material": np.repeat(discretization.material[chosen], 8),
-        "overlap": np.repeat(discretization.is_overlap[chosen], 8),
+        "region": np.repeat(geometry.region[chosen], 8),
+        "material": np.repeat(geometry.material[chosen], 8),
+        "overlap": np.repeat(geometry.is_overlap[chosen], 8),
     }
-    vtkhdf.create_points(path, point_positions(discretization), data, attributes=_identity(place))
+    vtkhdf.create_points(path, geometry.point_positions, data, attributes=_identity(place))
 
 
 def create_elements(place: Place, path: Path) -> None:
     """Write the geometry of the finite elements."""
     from pdfem_mpi.results import vtkhdf
 
-    discretization = place.discretization
-    cells = discretization.has_nodes
+    geometry = place.geometry
+    cells = geometry.has_nodes
     vtkhdf.create_elements(
         path,
-        discretization.mesh.nodes[discretization.node_number >= 0],
-        discretization.node_number[discretization.mesh.cells[cells]],
+        geometry.node_positions,
+        geometry.node_row[geometry.mesh.cells[cells]],
         {
-            "region": discretization.region[cells],
-            "material": discretization.material[cells],
-            "overlap": discretization.is_overlap[cells],
+            "region": geometry.region[cells],
+            "material": geometry.material[cells],
+            "overlap": geometry.is_overlap[cells],
         },
         attributes=_identity(place),
     )

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization, ModelUnits
-from pdfem_mpi.body.locating import weights_at
-from pdfem_mpi.deck.outputs import DisplacementProbe, OpeningProbe
+from pdfem_mpi.body.model_units import ModelUnits
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import AXES
-from pdfem_mpi.model.gauges import Gauge, gauge_of, opening_of
+from pdfem_mpi.model.gauges import Gauge, gauge_of
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.stepping import Report
 
@@ -53,23 +52,8 @@ class Gauges:
         return found
 
 
-def make_gauges(scene: Scene, discretization: Discretization, model: Model) -> Gauges:
-    """What the deck's probes and named supports ask for.
-
-    Raises
-    ------
-    SceneError
-        Points of an opening outside of the body, or with nothing between them.
-    """
-    found: dict[str, Gauge] = {}
-    for probe in scene.probes:
-        if isinstance(probe, OpeningProbe):
-            weights = opening_of(scene, discretization, probe.name)
-            found[f"{probe.name}.opening"] = gauge_of(discretization, model, weights)
-        elif isinstance(probe, DisplacementProbe):
-            weights, _ = weights_at(discretization, np.array(probe.point))
-            for d, axis in enumerate(AXES):
-                along = tuple(float(d == e) for e in range(3))
-                found[f"{probe.name}.u_{axis}"] = gauge_of(discretization, model, weights.along(along, 1.0))
+def make_gauges(scene: Scene, share: Share, model: Model) -> Gauges:
+    """What the deck's probes and named supports ask for."""
+    found = {name: gauge_of(share, model, weights) for name, weights in share.probes.items()}
     supports = {support.name: index for index, support in enumerate(scene.supports) if support.name is not None}
-    return Gauges(discretization.units, found, supports)
+    return Gauges(share.units, found, supports)

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import show
 
@@ -18,7 +18,7 @@ KINEMATICS = "peridynamics.kinematics"
 #: go on, and the log says so.
 ELEMENTS, ELEMENTS_BESIDE_BONDS = "elements, their kinematics", "elements beside bonds, their kinematics"
 #: Keys that may change from a checkpoint on; the log says so, since results are then not those of one deck.
-TOLD = (
+MAY_CHANGE = (
     "solver.tolerance", "solver.max_evaluations", "stepping.end_load_factor", "stepping.end_reaction",
     "stepping.end_opening", "stepping.report_every", ELEMENTS_BESIDE_BONDS,
 )  # fmt: skip
@@ -28,32 +28,30 @@ HELD_NOW = (
     "as before, or begin anew"
 )
 #: Tables, keys and defaults that came later than the first checkpoints: they say what these mean.
-NEWER_DEFAULTS = (("mesh", "remove", []), ("cracks", "kind", "polygon"))
+NEWER_DEFAULTS = (("mesh", "remove", []), ("cracks", "kind", "polygon"), ("supports", "of", "cells"),
+    ("loads", "constant", False))
 #: Where the load goes: what was done already must stay.
 LOAD_FACTORS = "stepping.load_factors"
 #: Stands for the mesh itself among the keys.
 MESH = "mesh, its nodes and cells"
 
 
-def identity(scene: Scene, discretization: Discretization) -> dict[str, Any]:
+def identity(scene: Scene, share: Share) -> dict[str, Any]:
     """Every key of the scene by its dotted path, as JSON knows it, and a digest of the mesh and its regions."""
     keys: dict[str, Any] = {}
     _flatten(json.loads(scene.model_dump_json()), "", keys)
     keys[KINEMATICS] = keys[KINEMATICS] or "finite"  # as checkpoints had it when that was the default
     if scene.has_finite_elements and scene.kinematics == "finite":
         keys[ELEMENTS_BESIDE_BONDS if scene.has_peridynamics else ELEMENTS] = "finite"
-    keys |= _may_fail(scene, discretization)
+    keys |= _may_fail(scene, share)
     keys = {key: value for key, value in keys.items() if not _is_newer_default(key, value) and not _is_label(key)}
-    total = hashlib.sha256()
-    for array in (discretization.nodes, discretization.mesh.cells, discretization.region):
-        total.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
-    keys[MESH] = total.hexdigest()
+    keys[MESH] = share.body_sha256
     return keys
 
 
 def sha256(keys: Mapping[str, Any]) -> str:
     """Digest of the keys that define the scene: equal for runs that may continue each other."""
-    defining = {key: value for key, value in keys.items() if not _is(key, FREE + TOLD + (LOAD_FACTORS,))}
+    defining = {key: value for key, value in keys.items() if not _is(key, FREE + MAY_CHANGE + (LOAD_FACTORS,))}
     return hashlib.sha256(json.dumps(defining, sort_keys=True).encode()).hexdigest()
 
 
@@ -71,10 +69,10 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any], steps_done: int
     -------
     refused : list of str
         What makes it another run: key and both values.
-    told : list of str
+    allowed : list of str
         Changes that may be made.
     """
-    refused, told = [], []
+    refused, allowed = [], []
     for key in dict.fromkeys((*then, *now)):
         a, b = then.get(key), now.get(key)
         if a == b or _is(key, FREE):
@@ -82,11 +80,11 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any], steps_done: int
         values = "differs" if key == MESH else f"was {_show(then, key)}, the deck has {_show(now, key)}"
         if _held_now(key, a, b):
             values += f", {HELD_NOW.format(key=key)}"
-        if _is(key, TOLD) or (key == LOAD_FACTORS and a and b and a[:steps_done] == b[:steps_done]):
-            told.append(f"{key} {values}")
+        if _is(key, MAY_CHANGE) or (key == LOAD_FACTORS and a and b and a[:steps_done] == b[:steps_done]):
+            allowed.append(f"{key} {values}")
         else:
             refused.append(f"{key} {values}")
-    return refused, told
+    return refused, allowed
 
 
 def free_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
@@ -95,12 +93,12 @@ def free_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     return [f"{key} was {_show(then, key)}, the deck has {_show(now, key)}" for key in keys if then[key] != now[key]]
 
 
-def _may_fail(scene: Scene, discretization: Discretization) -> dict[str, bool]:
+def _may_fail(scene: Scene, share: Share) -> dict[str, bool]:
     """What a region leaves open, as checkpoints had it when the default was true, where it means the same.
 
     It differs in a region of elements with an overlap whose bonds have a limit: true lets them break.
     """
-    overlap = set(discretization.region[discretization.is_overlap].tolist()) if scene.can_fail else set()
+    overlap = set(share.overlap_regions.tolist()) if scene.can_fail else set()
     return {
         f"regions.{index}.may_fail": True
         for index, region in enumerate(scene.regions)

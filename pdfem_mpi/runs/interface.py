@@ -16,8 +16,8 @@ from pdfem_mpi.parallel.comm import broadcast, world
 from pdfem_mpi.results.run_folder import RunFolder, read_summary
 from pdfem_mpi.runs.prepare import check_scene
 from pdfem_mpi.runs.reporter import LineReporter, NullReporter
+from pdfem_mpi.runs.restart_point import CONTINUE, RunOptions
 from pdfem_mpi.runs.run import run as run_scene
-from pdfem_mpi.runs.start import CONTINUE, RunOptions
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, RUN_STATUS
 
 
@@ -62,7 +62,7 @@ def run(
     resume : "auto", "never" or the name of a checkpoint
         Start or go on; only start; go on from there.
     report : callable, optional
-        Hears, on rank 0, the lines that the command line would print; for example ``print``.
+        Called on rank 0 with the lines that the command line would print; for example ``print``.
 
     Returns
     -------

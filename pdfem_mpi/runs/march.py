@@ -58,8 +58,8 @@ class March:
     outputs : Outputs or None
         On rank 0 alone.
     reporter : Reporter
-    keeper : CheckpointWriter
-    pauses : StopRequests
+    checkpoints : CheckpointWriter
+    stop_requests : StopRequests
     changed : bool
         The deck is not that of the checkpoint: a program that was over may go on.
     """
@@ -69,18 +69,18 @@ class March:
         simulation: Simulation,
         outputs: Outputs | None,
         reporter: Reporter,
-        keeper: CheckpointWriter,
-        pauses: StopRequests,
+        checkpoints: CheckpointWriter,
+        stop_requests: StopRequests,
         changed: bool,
     ):
         self.simulation, self.outputs, self.reporter = simulation, outputs, reporter
-        self.keeper, self.pauses, self.changed = keeper, pauses, changed
+        self.checkpoints, self.stop_requests, self.changed = checkpoints, stop_requests, changed
         self.wanted = bool(simulation.scene.output.fields or simulation.scene.probes)
-        self.watched = Watched(simulation.forces, *simulation.parts, keeper)
+        self.watched = Watched(simulation.forces, *simulation.parts, checkpoints)
         self.remaining, self.ended = Remaining(), Ending()
         self.energy_error: float | None = None
         self.seconds = self.seconds_of_output = 0.0
-        self._told_of_strains = False
+        self._warned_of_strains = False
 
     @property
     def arrays(self) -> tuple[Any, ...]:
@@ -99,14 +99,14 @@ class March:
             if not rows:  # nothing was left to do: the fields are those of the last step
                 simulation.evaluate()
             if not self.wanted:
-                ended.digest = digest_fields(simulation.discretization, simulation.forces, state.u)
+                ended.digest = digest_fields(simulation.share, simulation.forces, state.u)
             elif not rows:
-                ended.fields = gather_fields(simulation.discretization, simulation.forces, state.u)
+                ended.fields = gather_fields(simulation.share, simulation.forces, state.u)
             state.program["over"] = 1
-            self.pauses.save(state)
+            self.stop_requests.save(state)
         except (NotConverged, NotFinite) as error:
             ended.code, ended.reason = EXIT_NOT_CONVERGED, str(error)
-            self.keeper.save_good()
+            self.checkpoints.save_good()
         except Stopped as stop:
             ended.code, ended.reason = EXIT_STOPPED, str(stop)
             if not stop.kept:
@@ -117,7 +117,7 @@ class March:
         return ended
 
     def _watch(self, step, progress) -> None:
-        self.watched.hear(progress)
+        self.watched.observe(progress)
         scene = self.simulation.scene
         self.reporter.progress(step, scene.stepping.n_steps, progress, scene.solver.tolerance)
 
@@ -125,14 +125,14 @@ class March:
         """Give a row of the load program to the outputs. Collective."""
         simulation, ended = self.simulation, self.ended
         self.energy_error = report.convergence.energy_error
-        if report.elements and report.elements.warning and not self._told_of_strains:
+        if report.elements and report.elements.warning and not self._warned_of_strains:
             self.reporter.line(report.elements.warning)
-            self._told_of_strains = True
+            self._warned_of_strains = True
         began = perf_counter()
         if self.wanted:
-            ended.fields = gather_fields(simulation.discretization, simulation.forces, simulation.state.u)
+            ended.fields = gather_fields(simulation.share, simulation.forces, simulation.state.u)
         columns = simulation.row(report)
-        ended.damage = gather_damage(simulation.discretization, simulation.model, self.remaining, simulation.failure)
+        ended.damage = gather_damage(simulation.share, simulation.model, self.remaining, simulation.failure)
         on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))
         self.reporter.row(columns)
         self.seconds_of_output += perf_counter() - began

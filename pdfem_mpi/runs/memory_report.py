@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.programs import Events, Ramp, Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.forces import Forces
@@ -29,7 +29,7 @@ from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 
 #: All parts, in the order in which they are counted: what two of them share belongs to the first.
 PARTS = (
-    "mesh", "discretization", "share_of_the_rank", "exchange", "mirror_images", "points", "bond_rows",
+    "mesh", "share_of_the_rank", "exchange", "mirror_images", "points", "bond_rows",
     "bond_strengths", "bond_lengths", "bond_counts", "fitted_factors", "damage_weights", "nodes", "elements", "overlap",
     "masses", "loads_and_supports", "state", "force_tables", "break_check", "break_records", "broken_bonds",
     "intact_elements", "coarse_grid", "preconditioner_blocks", "checkpoint_copy", "output",
@@ -81,7 +81,7 @@ class Watched:
         self._own = Count()
         self._own.bytes_of(forces, *held)
 
-    def hear(self, progress: Progress) -> None:
+    def observe(self, progress: Progress) -> None:
         """Count what a solver holds, once for each kind of solver."""
         kind = type(progress.work[0]) if progress.work else None
         if kind is not None and kind not in self.kinds:
@@ -94,19 +94,19 @@ class Watched:
 
 
 def count_parts(
-    discretization: Discretization,
+    share: Share,
     model: Model,
     case: LoadCase,
     state: State,
     forces: Forces,
     failure: Failure | None,
     solve: EquilibriumSolver,
-    keeper: CheckpointWriter,
+    checkpoints: CheckpointWriter,
     output: Any,
 ) -> dict[str, int]:
     """Bytes of this rank's arrays by part; ``output`` is whatever a run keeps for its result files."""
     preconditioner, count = solve.preconditioner, Count()
-    things = dict(_things(discretization, model, case, state, forces, failure, preconditioner, keeper, output))
+    things = dict(_things(share, model, case, state, forces, failure, preconditioner, checkpoints, output))
     counted = {name: count.bytes_of(*things.get(name, ())) for name in PARTS}
     if model.bonds:  # strengths and lengths alternate in one array
         counted["bond_lengths"] = int(counted["bond_strengths"] * model.bonds.share_of_lengths)
@@ -115,12 +115,11 @@ def count_parts(
 
 
 def _things(
-    discretization, model, case, state, forces, failure, preconditioner, keeper, output
+    share, model, case, state, forces, failure, preconditioner, checkpoints, output
 ) -> Iterator[tuple[str, tuple]]:
     points, bonds, nodes = model.points, model.bonds, model.nodes
-    yield "mesh", (discretization.mesh,)
-    yield "discretization", (discretization,)
-    yield "share_of_the_rank", (model.owner, model.subdomain, keeper.layout)
+    yield "mesh", (share.mesh,)
+    yield "share_of_the_rank", (share, checkpoints.layout)
     halos = [part.halo for part in (points, nodes) if part]
     if points:
         if points.images:
@@ -147,7 +146,7 @@ def _things(
         yield "intact_elements", (preconditioner.forces,)
         yield "coarse_grid", (preconditioner.grid,)
         yield "preconditioner_blocks", (preconditioner,)
-    yield "checkpoint_copy", (keeper.good,)
+    yield "checkpoint_copy", (checkpoints.good,)
     yield "output", (output,)
 
 
@@ -210,7 +209,7 @@ def table_of(summary: dict[str, Any]) -> list[tuple[str, str]]:
     return rows + [("left out", f"{', '.join(names)}: {reason}") for reason, names in absent.items()]
 
 
-def left_out(scene: Scene, discretization: Discretization, failure: Failure | None, ranks: int) -> dict[str, str]:
+def left_out(scene: Scene, share: Share, failure: Failure | None, ranks: int) -> dict[str, str]:
     """Parts that the scene does not need, and the key or property of it that says so."""
     reasons: dict[str, str] = {}
 
@@ -218,10 +217,10 @@ def left_out(scene: Scene, discretization: Discretization, failure: Failure | No
         for part in parts:
             reasons.setdefault(part, reason)
 
-    has_points, has_nodes = bool(discretization.has_points.any()), bool(discretization.has_nodes.any())
+    counts = share.counts
     if ranks == 1:
         because("one rank", "exchange")
-    if not has_points:
+    if not counts.point_cells:
         because(
             "no cell is peridynamic",
             "points", "bond_rows", "bond_strengths", "bond_lengths", "bond_counts", "damage_weights", "break_check",
@@ -241,11 +240,11 @@ def left_out(scene: Scene, discretization: Discretization, failure: Failure | No
         because("mesh.symmetry is empty", "mirror_images")
     if not scene.output.damage:
         because("output.damage = false", "damage_weights")
-    if not has_nodes:
+    if not counts.node_cells:
         because("no cell is a finite element", "nodes", "elements", "overlap")
-    if not discretization.is_overlap.any():
+    if not counts.overlap_cells:
         because("no cell has both descriptions", "overlap")
-    if not discretization.has_stiffness.any():
+    if not counts.elements:
         because("no cell is a finite element", "elements")
     if scene.solver.kind != "cg":
         because(f'solver.kind = "{scene.solver.kind}"', "intact_elements", "coarse_grid", "preconditioner_blocks")

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.body.overlap import describe_cracked_overlap
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.parts import describe_unsupported
 from pdfem_mpi.peridynamics.bonds import count_by_material
@@ -47,40 +46,40 @@ class Findings:
 
 def describe_body(simulation: Simulation) -> list[str]:
     """Lines about the mesh file, loose parts and loads on held places. Collective."""
-    scene, discretization, case = simulation.scene, simulation.discretization, simulation.case
-    lines = [f"mesh: {text}" for text in discretization.notes]
+    scene, share, case = simulation.scene, simulation.share, simulation.case
+    lines = [f"mesh: {text}" for text in share.notes]
     lines += describe_unsupported(case.parts, case.unsupported)
     if not np.isnan(case.taken).all():
-        lines.append(describe_taken(case.taken * discretization.units.force, scene.units.force))
+        lines.append(describe_taken(case.taken * share.units.force, scene.units.force))
     return lines
 
 
-def find_out(simulation: Simulation, is_resumed: bool) -> Findings:
+def examine(simulation: Simulation, is_resumed: bool) -> Findings:
     """Look at a simulation whose solver is prepared, before its first step. Collective."""
-    scene, discretization, model = simulation.scene, simulation.discretization, simulation.model
+    scene, share, model = simulation.scene, simulation.share, simulation.model
     found = Findings()
     found.notes += model.body_fit.notes if model.body_fit else ()
-    found.notes += describe_correction(scene, discretization, model)
-    limits = criteria(scene, discretization, model)
-    found.failure = failure_summary(scene, discretization, simulation.failure, limits)
-    found.notes += describe_criterion(scene, discretization, simulation.failure, limits)
-    _look_at_stability(simulation, is_resumed, found)
+    found.notes += describe_correction(scene, share, model)
+    limits = criteria(scene, share, model)
+    found.failure = failure_summary(scene, share, simulation.failure, limits)
+    found.notes += describe_criterion(scene, share, simulation.failure, limits)
+    _examine_stability(simulation, is_resumed, found)
     return found
 
 
-def look_at_bonds(simulation: Simulation, found: Findings) -> list[str]:
+def describe_bonds(simulation: Simulation, found: Findings) -> list[str]:
     """Lines about cracks, and interfaces that no bond crosses. Collective."""
-    scene, discretization, model = simulation.scene, simulation.discretization, simulation.model
+    scene, share, model = simulation.scene, simulation.share, simulation.model
     lines = []
     for index, cut in enumerate(model.cut):
         text = f"cuts {cut:,} bonds" if cut else "cuts no bond: it does not pass through peridynamic cells"
         lines.append(f"cracks.{index} {text}")
-    lines += describe_cracked_overlap(scene, discretization)
+    lines += share.crack_notes
     found.bonds_by_material = count_by_material(simulation.comm, model.bonds) if model.bonds else None
-    return lines + list(interfaces_without_bonds(scene, discretization, found.bonds_by_material))
+    return lines + list(interfaces_without_bonds(scene, share, found.bonds_by_material))
 
 
-def _look_at_stability(simulation: Simulation, is_resumed: bool, found: Findings) -> None:
+def _examine_stability(simulation: Simulation, is_resumed: bool, found: Findings) -> None:
     """Fitted factors of both signs may leave a body without a stable equilibrium. Collective."""
     fit, preconditioner = simulation.model.body_fit, simulation.solver.preconditioner
     free = simulation.scene.peridynamics.signs == "free"
@@ -94,9 +93,9 @@ def _look_at_stability(simulation: Simulation, is_resumed: bool, found: Findings
         found.notes.append(text)
 
 
-def interfaces_without_bonds(scene: Scene, discretization: Discretization, by_material: np.ndarray | None):
+def interfaces_without_bonds(scene: Scene, share: Share, by_material: np.ndarray | None):
     """Sentences about interfaces that no bond crosses."""
-    number = discretization.materials.names.index
+    number = share.materials.names.index
     for index, interface in enumerate(scene.interfaces):
         if not by_material[tuple(number(name) for name in interface.between)]:
             yield f"interfaces.{index} is crossed by no bond: its materials do not meet in peridynamics or the overlap"
@@ -120,7 +119,7 @@ def headline(simulation: Simulation, sizes: dict[str, int], seconds: float) -> l
     scene, comm, counts = simulation.scene, simulation.comm, sizes
     parts = [f"{counts[name]:,} {name.replace('_', ' ')}" for name in ("elements", "points", "undirected_bonds")]
     lines = [f"{scene.title or 'scene'}: {', '.join(parts)} on {comm.size} ranks, set up in {seconds:.1f} s"]
-    if simulation.discretization.mirrors:
+    if simulation.share.mirrors:
         lines.append(f"mirror planes {describe_mirrors(scene)}; forces and counts are those of this part")
     return lines
 

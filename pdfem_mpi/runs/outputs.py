@@ -17,6 +17,7 @@ import numpy as np
 
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.fields import Fields
+from pdfem_mpi.measure.geometry import Geometry, gather_geometry
 from pdfem_mpi.results.cursor import continue_history, flushed
 from pdfem_mpi.results.history import History
 from pdfem_mpi.results.labels import attempt
@@ -30,6 +31,7 @@ from pdfem_mpi.runs.frames import (
 )
 from pdfem_mpi.runs.output import Output, Place
 from pdfem_mpi.runs.probes import OF_PROBE
+from pdfem_mpi.runs.simulation import Simulation
 
 
 class HistoryOutput(Output):
@@ -99,6 +101,12 @@ class Outputs:
         return {name: value for output in self.all for name, value in output.results.items()}
 
 
+def geometry_of(simulation: Simulation) -> Geometry | None:
+    """The shape of the body on rank 0, where an output reads places of it. Collective."""
+    scene = simulation.scene
+    return gather_geometry(simulation.share) if scene.output.fields or scene.probes else None
+
+
 def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
     """The outputs that a deck asks for.
 
@@ -108,10 +116,10 @@ def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
         Of history.csv.
     """
     outputs = Outputs(place, HistoryOutput(columns))
-    discretization = place.discretization
-    if place.scene.output.fields and discretization.has_points.any():
+    scene = place.scene
+    if scene.output.fields and scene.has_peridynamics:
         outputs.frames.append(FramesOutput(POINTS_FILE, create_points, lambda fields: fields.u_points, True))
-    if place.scene.output.fields and discretization.has_nodes.any():
+    if scene.output.fields and scene.has_finite_elements:
         outputs.frames.append(FramesOutput(ELEMENTS_FILE, create_elements, lambda fields: fields.u_nodes))
     outputs.probes += [OF_PROBE[type(probe)](probe) for probe in place.scene.probes]
     return outputs
@@ -120,7 +128,7 @@ def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
 def draw_run(folder: Path, scene: Scene, warn: Callable[[str], None], film: bool = False) -> list[Path]:
     """Draw the figures of a run with failure from its result files, on this rank alone; the paths drawn.
 
-    ``warn`` hears of figures that could not be drawn.
+    ``warn`` is called with a sentence about each figure that could not be drawn.
     """
     from pdfem_mpi.results.failure_plots import draw_failure
 

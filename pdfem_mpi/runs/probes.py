@@ -23,7 +23,7 @@ class DisplacementOutput(Output):
         self.probe = probe
 
     def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
-        self.results = {self.probe.name: displacement_at(place.discretization, fields, self.probe.point).tolist()}
+        self.results = {self.probe.name: displacement_at(place.geometry, fields, self.probe.point).tolist()}
 
 
 class OpeningOutput(Output):
@@ -48,8 +48,8 @@ class BarOutput(Output):
         self.bar: Bar | None = None
 
     def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
-        self.bar = measure_bar(place.scene, place.discretization, fields, self.probe, load_factor)
-        self.results = bar_results(place.scene, place.discretization, self.bar, self.probe, load_factor)
+        self.bar = measure_bar(place.scene, place.geometry, fields, self.probe, load_factor)
+        self.results = bar_results(place.scene, place.geometry, self.bar, self.probe, load_factor)
 
     def draw(self, place: Place) -> None:
         if self.bar is None:
@@ -75,7 +75,7 @@ class LineOutput(Output):
         self.line: Line | None = None
 
     def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
-        self.line = measure_line(place.discretization, fields, self.probe)
+        self.line = measure_line(place.geometry, fields, self.probe)
 
     def close(self, place: Place) -> None:
         line = self.line

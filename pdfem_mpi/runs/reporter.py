@@ -1,4 +1,4 @@
-"""Where a run tells how it goes: the protocol, and the reporters that need no screen."""
+"""Reporters: who receives the lines, tables and progress of a run; those that need no screen."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any, Protocol
 
 from pdfem_mpi.solvers.convergence import Progress
 
-#: What a row of the history is told by, where no table shows it.
-TOLD = ("step", "event", "load_factor", "reaction", "evaluations", "relative_residual", "broken_bonds")
+#: Columns of a row of the history that a log line shows.
+SHOWN = ("step", "event", "load_factor", "reaction", "evaluations", "relative_residual", "broken_bonds")
 
 
 class Reporter(Protocol):
-    """Where a run tells how it goes; only rank 0's is heard."""
+    """Receives the lines, tables and progress of a run; only that of rank 0 is used."""
 
     def line(self, text: str) -> None:
         """Print a line."""
@@ -88,4 +88,4 @@ class LoggedReporter:
 
 def row_in_words(columns: dict[str, Any]) -> str:
     """The numbers of a row by which a run is followed."""
-    return "  ".join(f"{name} {columns[name]}" for name in TOLD if name in columns)
+    return "  ".join(f"{name} {columns[name]}" for name in SHOWN if name in columns)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.model.bounds import Bounds
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import FIELDS, State
@@ -21,10 +21,10 @@ from pdfem_mpi.system.exit_codes import EXIT_NO_CHECKPOINT
 
 if TYPE_CHECKING:
     from pdfem_mpi.results.checkpoint import Reader
-from pdfem_mpi.runs.start import Refused, RestartPoint
+from pdfem_mpi.runs.restart_point import Refused, RestartPoint
 
 
-def restore(start: RestartPoint, discretization: Discretization, model: Model, state: State) -> np.ndarray:
+def restore(start: RestartPoint, share: Share, model: Model, state: State) -> np.ndarray:
     """Fill the state from a checkpoint. Collective.
 
     Parameters
@@ -51,13 +51,13 @@ def restore(start: RestartPoint, discretization: Discretization, model: Model, s
     state.began = perf_counter() - saved["seconds"]
     for name in saved.get("fields", [entry.name for entry in FIELDS]):  # all, before they were named
         state.add(name)
-    layout = make_layout(discretization, model)
+    layout = make_layout(share)
     with _reader(start.path, model.comm) as reader:
         fault = broadcast(model.comm, _shape_fault(layout, state, reader) if reader else None)
         if fault:
             raise Refused(EXIT_NO_CHECKPOINT, f"{start.path}: {fault}. Start again with --overwrite.")
         read_fields(model, layout, state, reader)
-        return read_broken(model, reader)
+        return read_broken(share, model, reader, start.header["schema"])
 
 
 def _shape_fault(layout: Layout, state: State, reader: Reader) -> str | None:

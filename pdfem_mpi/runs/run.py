@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -13,30 +14,31 @@ import numpy as np
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.fields import fields_sha256
+from pdfem_mpi.measure.geometry import Geometry
 from pdfem_mpi.parallel.comm import NotWritten, broadcast, on_root, sum_integers
 from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests
 from pdfem_mpi.parallel.watchdog import NoWatchdog, Watchdog, patience
 from pdfem_mpi.results.cursor import unchecked
 from pdfem_mpi.results.log import RunLog
 from pdfem_mpi.results.ownership import RESULTS, SUMMARY
-from pdfem_mpi.results.summary import sealed, write_summary
+from pdfem_mpi.results.summary_file import sealed, write_summary
 from pdfem_mpi.runs.checkpoints import CheckpointWriter, take_over
+from pdfem_mpi.runs.claimed_folder import ClaimedFolder
 from pdfem_mpi.runs.compilation import not_compiled
-from pdfem_mpi.runs.entering import Entry
+from pdfem_mpi.runs.history_rows import columns_of
 from pdfem_mpi.runs.identity import identity
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.memory_estimate import resident
 from pdfem_mpi.runs.memory_report import count_parts, describe_memory, features_of, left_out, table_of
-from pdfem_mpi.runs.notes import Findings, describe_body, describe_nothing, ending, find_out, headline, look_at_bonds
+from pdfem_mpi.runs.notes import Findings, describe_body, describe_bonds, describe_nothing, ending, examine, headline
 from pdfem_mpi.runs.output import Place
-from pdfem_mpi.runs.outputs import Outputs, make_outputs
+from pdfem_mpi.runs.outputs import Outputs, geometry_of, make_outputs
 from pdfem_mpi.runs.prepare import count_sizes, fit_folders, prepare, warm_up
 from pdfem_mpi.runs.reporter import LoggedReporter, NullReporter, Reporter
+from pdfem_mpi.runs.restart_point import FOLDER as CHECKPOINTS
+from pdfem_mpi.runs.restart_point import Refused, RestartPoint, RunOptions, compare
 from pdfem_mpi.runs.restoring import restore, restore_late
-from pdfem_mpi.runs.rows import columns_of
 from pdfem_mpi.runs.simulation import Simulation
-from pdfem_mpi.runs.start import FOLDER as CHECKPOINTS
-from pdfem_mpi.runs.start import Refused, RestartPoint, RunOptions, compare
 from pdfem_mpi.runs.stopwatch import phase
 from pdfem_mpi.runs.summary import end_table, make_summary, sha256
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_NOT_WRITTEN, EXIT_STOPPED
@@ -44,7 +46,13 @@ from pdfem_mpi.system.heap import APART_BESIDE_BONDS, large_arrays_apart
 
 
 def run(
-    scene: Scene, comm, out: Path, deck_text: str, overwrite: bool, reporter: Reporter, ways: RunOptions | None = None
+    scene: Scene,
+    comm,
+    out: Path,
+    deck_text: str,
+    overwrite: bool,
+    reporter: Reporter,
+    options: RunOptions | None = None,
 ) -> int:
     """Solve the scene and write the run folder, from the beginning or from a checkpoint. Collective.
 
@@ -61,18 +69,18 @@ def run(
     if comm.rank > 0:
         reporter = NullReporter()
     try:
-        return _Run(scene, comm, out, deck_text, overwrite, reporter, ways or RunOptions()).go()
+        return _Run(scene, comm, out, deck_text, overwrite, reporter, options or RunOptions()).go()
     except NotWritten as error:
         reporter.line(f"pdfem: {error} Free space or choose another folder with --out.")
         return EXIT_NOT_WRITTEN
 
 
 class _Run:
-    def __init__(self, scene, comm, out, deck_text, overwrite, reporter, ways):
+    def __init__(self, scene, comm, out, deck_text, overwrite, reporter, options):
         self.scene, self.comm, self.out, self.deck_text = scene, comm, out, deck_text
-        self.overwrite, self.reporter, self.ways = overwrite, reporter, ways
+        self.overwrite, self.reporter, self.options = overwrite, reporter, options
         self.seconds: dict[str, float] = {}
-        self.entry: Entry | None = None  # on rank 0 alone
+        self.claimed: ClaimedFolder | None = None  # on rank 0 alone
         self.outputs: Outputs | None = None  # on rank 0 alone
         self.energy_error: float | None = None
         self.started = perf_counter()
@@ -84,31 +92,33 @@ class _Run:
             if refusal:
                 raise Refused(*refusal)
             hang = self.out / f"run.r{self.comm.rank}.hang"
-            with Watchdog(self.comm, hang, patience()) if self.ways.watched else NoWatchdog():
+            with Watchdog(self.comm, hang, patience()) if self.options.watched else NoWatchdog():
                 return self._go(start)
         except (SceneError, Refused):
-            if self.entry:
-                self.entry.take_back()
+            if self.claimed:
+                self.claimed.withdraw()
             raise
         except Stopped as stop:
-            if self.entry:
-                self.entry.end(EXIT_STOPPED)
+            if self.claimed:
+                self.claimed.end(EXIT_STOPPED)
             self.reporter.line(f"pdfem: stopped: {stop}. The same command starts again.")
             return EXIT_STOPPED
         finally:
-            if self.entry:
-                self.entry.leave()
+            if self.claimed:
+                self.claimed.release()
 
     def _enter(self) -> tuple[RestartPoint | None, tuple[int, str] | None]:
         """Take the folder, and decide where to start."""
         try:
-            self.entry = Entry(self.out, self.deck_text, self.overwrite, self.ways, self.comm.size, self.started)
+            self.claimed = ClaimedFolder(
+                self.out, self.deck_text, self.overwrite, self.options, self.comm.size, self.started
+            )
         except Refused as error:
             return None, (error.code, str(error))
-        self.entry.start.notes += unchecked(self.entry.start.results)
-        return self.entry.start, None
+        self.claimed.start.notes += unchecked(self.claimed.start.results)
+        return self.claimed.start, None
 
-    def _look_for_a_stop(self) -> None:
+    def _stop_if_asked(self) -> None:
         """End a start that was asked to stop before its load program began. Collective.
 
         Raises
@@ -116,7 +126,7 @@ class _Run:
         Stopped
             On all ranks.
         """
-        if sum_integers(self.comm, np.array([self.ways.requests.stop_in_set_up()]))[0]:
+        if sum_integers(self.comm, np.array([self.options.requests.stop_in_set_up()]))[0]:
             raise Stopped("asked to stop before the first step: nothing was done", kept=True)
 
     def _go(self, start: RestartPoint) -> int:
@@ -126,32 +136,32 @@ class _Run:
         if prepared is None:
             return EXIT_FINISHED
         simulation, broken, sizes = prepared
-        self._look_for_a_stop()
+        self._stop_if_asked()
         on_root(self.comm, lambda: self._open_folder(start))
-        self._tell(describe_body(simulation))
-        keeper, pauses = self._keeper(simulation, start)
+        self._lines(describe_body(simulation))
+        checkpoints, stop_requests = self._make_checkpoints(simulation, start)
         with phase(self.seconds, "setup"), large_arrays_apart(APART_BESIDE_BONDS):
-            solver = simulation.prepare_solver(self._line, pauses)
+            solver = simulation.prepare_solver(self._line, stop_requests)
             if start.path:
                 restore_late(start, broken, simulation.state, simulation.failure, solver)
-        self._tell(headline(simulation, sizes, self.seconds["setup"]))
+        self._lines(headline(simulation, sizes, self.seconds["setup"]))
         with phase(self.seconds, "setup"):
-            findings = find_out(simulation, start.path is not None)
-        self._tell([*findings.notes, *(f"note: {note}" for note in start.notes)])
+            findings = examine(simulation, start.path is not None)
+        self._lines([*findings.notes, *(f"note: {note}" for note in start.notes)])
         state = simulation.state
         if start.path:
-            pauses.resumed(state)
+            stop_requests.resumed(state)
             self._line(f"going on from {start.path.name}: step {state.step}, iteration {state.iteration}")
         else:
             state.began = perf_counter()
-        self._tell(look_at_bonds(simulation, findings))
-        on_root(self.comm, lambda: self._open_outputs(simulation, start))
-        self.ways.requests.setting_up = False
+        self._lines(describe_bonds(simulation, findings))
+        on_root(self.comm, partial(self._open_outputs, simulation, geometry_of(simulation), start))
+        self.options.requests.setting_up = False
         start_up = perf_counter() - self.started
-        march = March(simulation, self.outputs, self.reporter, keeper, pauses, start.changed)
+        march = March(simulation, self.outputs, self.reporter, checkpoints, stop_requests, start.changed)
         ended = march.follow()
-        if ended.did_nothing and self.entry:
-            ended.reason += describe_nothing(start_up, self.entry.starts.idle)
+        if ended.did_nothing and self.claimed:
+            ended.reason += describe_nothing(start_up, self.claimed.starts.idle)
         return self._finish(march, start, findings, sizes, self._memory(march, before))
 
     def _compile(self) -> None:
@@ -161,7 +171,7 @@ class _Run:
             if missing := on_root(self.comm, lambda: not_compiled(features)):
                 self.reporter.line(f"compiling {missing} kernels, once on this machine (up to 30 s)")
             warm_up(self.comm, features)
-        self._look_for_a_stop()
+        self._stop_if_asked()
 
     def _prepare(self, start: RestartPoint) -> tuple[Simulation, np.ndarray | None, dict[str, int]] | None:
         """The simulation in the state of the start, its broken bonds, and its sizes; None for a run that is finished
@@ -171,52 +181,53 @@ class _Run:
         with phase(self.seconds, "setup"), large_arrays_apart():
             prepared = prepare(scene, comm)
             if start.path:
-                start.notes += compare(start, identity(scene, prepared[0]), self.ways.force)
+                start.notes += compare(start, identity(scene, prepared[0]), self.options.force)
             if start.finished and not start.changed:
                 self.reporter.line(f"pdfem: {self.out} is finished already; --set a longer program to go on.")
-                if self.entry:
-                    self.entry.take_back()
+                if self.claimed:
+                    self.claimed.withdraw()
                 return None
-            self._look_for_a_stop()
+            self._stop_if_asked()
             evaluations = start.header.get("evaluations", 0)
             simulation = Simulation(
                 scene, comm, prepared=prepared, caches=fit_folders(self.out), evaluations=evaluations
             )
             broken = None
             if start.path:
-                broken = restore(start, simulation.discretization, simulation.model, simulation.state)
-            return simulation, broken, count_sizes(simulation.discretization, simulation.model)
+                broken = restore(start, simulation.share, simulation.model, simulation.state)
+            return simulation, broken, count_sizes(simulation.share, simulation.model)
 
     def _open_folder(self, start: RestartPoint) -> None:
-        self.entry.written.remove(SUMMARY)
+        self.claimed.written.remove(SUMMARY)
         if start.path:
             take_over(start, self.out / CHECKPOINTS)
         else:
-            self.entry.written.remove(*RESULTS)
-            self.entry.written.remove_checkpoints(self.out / CHECKPOINTS)
-        self.entry.written.remove("figures/", "lines/")
-        self.entry.settle()
-        self.reporter = LoggedReporter(self.reporter, RunLog(self.entry.written.new("run.log")))
+            self.claimed.written.remove(*RESULTS)
+            self.claimed.written.remove_checkpoints(self.out / CHECKPOINTS)
+        self.claimed.written.remove("figures/", "lines/")
+        self.claimed.commit()
+        self.reporter = LoggedReporter(self.reporter, RunLog(self.claimed.written.new("run.log")))
 
-    def _keeper(self, simulation: Simulation, start: RestartPoint) -> tuple[CheckpointWriter, StopRequests]:
+    def _make_checkpoints(self, simulation: Simulation, start: RestartPoint) -> tuple[CheckpointWriter, StopRequests]:
         """Who writes checkpoints, and who says when. Collective."""
-        keeper = CheckpointWriter(
-            self.scene, simulation.discretization, simulation.forces, simulation.failure, self.out, self._flush,
+        checkpoints = CheckpointWriter(
+            self.scene, simulation.share, simulation.forces, simulation.failure, self.out, self._flush,
             self._line, start, self.started,
         )  # fmt: skip
-        return keeper, StopRequests(self.comm, self.ways.requests, keeper, self.scene.checkpoint, self.ways.end)
+        options = self.options
+        return checkpoints, StopRequests(self.comm, options.requests, checkpoints, self.scene.checkpoint, options.end)
 
     def _flush(self) -> dict[str, dict[str, Any]]:
-        self.entry.starts.note(perf_counter() - self.started)
+        self.claimed.starts.note(perf_counter() - self.started)
         return self.outputs.flush()
 
-    def _open_outputs(self, simulation: Simulation, start: RestartPoint) -> None:
+    def _open_outputs(self, simulation: Simulation, geometry: Geometry | None, start: RestartPoint) -> None:
         def note(text):
             start.notes.append(text)
             self._warn(text)
 
         place = Place(
-            self.scene, simulation.discretization, self.entry.written, sha256(self.deck_text), start.results,
+            self.scene, geometry, self.claimed.written, sha256(self.deck_text), start.results,
             start.other_fields, note, self._warn,
         )  # fmt: skip
         self.outputs = make_outputs(place, columns_of(simulation.failure is not None) + simulation.gauges.columns)
@@ -225,12 +236,12 @@ class _Run:
     def _memory(self, march: March, before: int) -> dict[str, Any]:
         """What was allocated, and what was left out. Collective."""
         simulation = march.simulation
-        arrays = count_parts(*simulation.parts, march.keeper, march.arrays)
-        reasons = left_out(self.scene, simulation.discretization, simulation.failure, self.comm.size)
+        arrays = count_parts(*simulation.parts, march.checkpoints, march.arrays)
+        reasons = left_out(self.scene, simulation.share, simulation.failure, self.comm.size)
         return describe_memory(self.comm, arrays, march.watched, reasons, simulation.need, before)
 
     def _finish(self, march: March, start: RestartPoint, findings: Findings, sizes: dict, memory: dict) -> int:
-        """Write what belongs to the end, and tell. Collective."""
+        """Write what belongs to the end, and report it. Collective."""
         comm, simulation, ended, seconds = self.comm, march.simulation, march.ended, self.seconds
         seconds["solve"], seconds["output"] = march.seconds, march.seconds_of_output
         phases = {name: round(value, 6) for name, value in simulation.forces.seconds.items()}
@@ -244,7 +255,7 @@ class _Run:
         seconds["total"] = perf_counter() - self.started
         summary = None
         if comm.rank == 0:
-            self.entry.starts.end(seconds["total"], ended.code, ended.did_nothing, start.notes)
+            self.claimed.starts.end(seconds["total"], ended.code, ended.did_nothing, start.notes)
             facts = {
                 "deck_text": self.deck_text,
                 "fields_sha256": fields_sha256(ended.fields) if ended.fields else ended.digest,
@@ -252,13 +263,13 @@ class _Run:
                 "bonds_per_rank": bonds,
                 "evaluations": evaluations,
                 "seconds": seconds | {"evaluation_phases_rank_0": phases},
-                "seconds_of_all_starts": self.entry.starts.seconds_before + seconds["total"],
+                "seconds_of_all_starts": self.claimed.starts.seconds_before + seconds["total"],
                 "memory": memory,
             }
             summary = make_summary(self.scene, march, findings, facts)
         if ended.code == EXIT_FINISHED:
-            on_root(comm, self._remove_stacks)
-        on_root(comm, lambda: write_summary(self.entry.written.new(SUMMARY), sealed(summary, self.out)))
+            on_root(comm, lambda: remove_stacks(self.out))
+        on_root(comm, lambda: write_summary(self.claimed.written.new(SUMMARY), sealed(summary, self.out)))
         if comm.rank == 0:
             self.reporter.table(self.scene.title or self.out.name, end_table(summary, self.scene))
             self.reporter.table("memory: what was allocated, and what was left out", table_of(summary))
@@ -268,15 +279,16 @@ class _Run:
     def _line(self, text: str) -> None:
         self.reporter.line(text)
 
-    def _tell(self, lines: Iterable[str]) -> None:
+    def _lines(self, lines: Iterable[str]) -> None:
         for text in lines:
             self.reporter.line(text)
 
     def _warn(self, text: str) -> None:
         self.reporter.line(f"warning: {text}")
 
-    def _remove_stacks(self) -> None:
-        """What earlier starts left where they hung says nothing of a run that finished."""
-        for path in self.out.glob("run.r*.hang"):
-            with suppress(OSError):
-                path.unlink()
+
+def remove_stacks(folder: Path) -> None:
+    """Remove the stacks that earlier starts left where they hung: they say nothing of a run that finished."""
+    for path in folder.glob("run.r*.hang"):
+        with suppress(OSError):
+            path.unlink()

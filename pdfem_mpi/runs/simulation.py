@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.loads import Load, Support
 from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.measure.fields import Fields, gather_damage, gather_fields, node_positions, point_positions
+from pdfem_mpi.measure.fields import Fields, gather_damage, gather_fields
+from pdfem_mpi.measure.geometry import gather_geometry
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import make_load_case
@@ -22,20 +24,21 @@ from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS
 from pdfem_mpi.runs.gauges import make_gauges
+from pdfem_mpi.runs.history_rows import history_row
 from pdfem_mpi.runs.memory_estimate import Need
 from pdfem_mpi.runs.memory_report import features_of
-from pdfem_mpi.runs.prepare import prepare, warm_up
-from pdfem_mpi.runs.rows import history_row
+from pdfem_mpi.runs.prepare import cut_again, prepare, warm_up
 from pdfem_mpi.solvers.convergence import Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
 from pdfem_mpi.stepping import Report, follow_load_program
 from pdfem_mpi.stepping.steps import follow_steps
 
+Note = Callable[[str], None]
 Watch = Callable[[int, Progress], None]
 
 
 def ignore(*words: Any) -> None:
-    """Hear and say nothing."""
+    """Do nothing with what is reported."""
 
 
 class Simulation:
@@ -53,10 +56,9 @@ class Simulation:
 
     Attributes
     ----------
-    discretization, need, model, case, state, forces, failure, solver
-        Its parts: the body and what memory it needs, this rank's equations, loads, unknowns and forces, the books of
-        broken bonds (None where none can break), and the solver (None before it is needed).
-
+    share, need, model, case, state, forces, failure, solver
+        Its parts: the rank's share of the body and what memory it needs, this rank's equations, loads, unknowns and
+        forces, the books of broken bonds (None where none can break), and the solver (None before it is needed).
     gauges : Gauges
         What is read off each state for the columns of probes and named supports.
 
@@ -77,7 +79,7 @@ class Simulation:
         scene: Scene,
         comm: Any = None,
         *,
-        prepared: tuple[Discretization, Need] | None = None,
+        prepared: tuple[Share, Need] | None = None,
         caches: Sequence[Path] = (),
         evaluations: int = 0,
     ):
@@ -86,19 +88,19 @@ class Simulation:
         if prepared is None:
             warm_up(self.comm, features_of(scene))
             prepared = prepare(scene, self.comm)
-        self.discretization, self.need = prepared
-        self.model = build_model(scene, self.discretization, self.comm, caches)
-        self.case = make_load_case(scene, self.discretization, self.model)
+        self.model = build_model(scene, prepared[0], self.comm, caches)
+        self.share, self.need = replace(prepared[0], boundaries=None), prepared[1]  # the whole body goes here
+        self.case = make_load_case(scene, self.share, self.model)
         self.state = new_state(self.model)
         self.forces = Forces(self.model, self.state.bounds, evaluations=evaluations)
-        self.failure = make_failure(scene, self.discretization, self.model)
-        self.gauges = make_gauges(scene, self.discretization, self.model)
+        self.failure = make_failure(scene, self.share, self.model)
+        self.gauges = make_gauges(scene, self.share, self.model)
         self.solver: EquilibriumSolver | None = None
         self._evaluated = False
 
-    def prepare_solver(self, note: Callable[[str], None] = ignore, pauses: Any = NO_STOP_REQUESTS) -> EquilibriumSolver:
-        """Set up the scene's solver for the loads as they are; ``note`` hears what is worth telling."""
-        self.solver = make_solver(self.scene, self.discretization, self.forces, self.case, note, pauses)
+    def prepare_solver(self, note: Note = ignore, stop_requests: Any = NO_STOP_REQUESTS) -> EquilibriumSolver:
+        """Set up the scene's solver for the loads as they are; ``note`` is called with remarks for the user."""
+        self.solver = make_solver(self.scene, self.share, self.forces, self.case, note, stop_requests)
         return self.solver
 
     def follow(self, watch: Watch = ignore) -> Iterator[Report]:
@@ -111,7 +113,7 @@ class Simulation:
     def steps(self, watch: Watch = ignore) -> Iterator[dict[str, Any]]:
         """Follow the scene's load program, and yield a row at each of its equilibria: the columns of history.csv.
 
-        ``watch`` is told of the step and the progress of every iteration.
+        ``watch`` is called with the step and the progress of every iteration.
 
         Raises
         ------
@@ -150,20 +152,20 @@ class Simulation:
         scene = self.scene.model_copy(update=changed)
         if problems := scene.problems():
             raise SceneError([f"{problem.key} {problem.text}" for problem in problems])
-        case = make_load_case(scene, self.discretization, self.model)
-        self.scene, self.case, self.solver = scene, case, None
-        self.gauges = make_gauges(scene, self.discretization, self.model)
+        share = cut_again(scene, self.share)
+        case = make_load_case(scene, share, self.model)
+        self.scene, self.share, self.case, self.solver = scene, share, case, None
+        self.gauges = make_gauges(scene, share, self.model)
 
     def row(self, report: Report) -> dict[str, Any]:
         """A report of the load program in the deck's units, by the columns of history.csv, at the state as it is."""
-        columns = history_row(report, self.discretization.units, self.failure is not None)
+        columns = history_row(report, self.share.units, self.failure is not None)
         return columns | self.gauges.read(self.comm, self.state.u, report)
 
     @property
     def parts(self) -> tuple[Any, ...]:
         """What it is made of, in the order in which memory is counted."""
-        body = self.discretization, self.model, self.case, self.state
-        return (*body, self.forces, self.failure, self.solver)
+        return self.share, self.model, self.case, self.state, self.forces, self.failure, self.solver
 
     def evaluate(self) -> None:
         """Bring the tables of the forces to the state, where no row did; it does not count as an evaluation."""
@@ -176,21 +178,21 @@ class Simulation:
         """Displacements of all points and nodes; None except on rank 0."""
         if not self._evaluated:
             self.evaluate()
-        return gather_fields(self.discretization, self.forces, self.state.u)
+        return gather_fields(self.share, self.forces, self.state.u)
 
     def damage(self) -> np.ndarray | None:
         """Local damage (eq. 5) of all points, float64, shape (n_points,); None except on rank 0.
 
         The deck must have ``output.damage = true``: weights of the intact bonds are kept for it.
         """
-        return gather_damage(self.discretization, self.model)
+        return gather_damage(self.share, self.model)
 
     @property
-    def points(self) -> np.ndarray:
-        """Reference positions of the peridynamic points, float64, shape (n_points, 3)."""
-        return point_positions(self.discretization)
+    def points(self) -> np.ndarray | None:
+        """Reference positions of the peridynamic points, float64, shape (n_points, 3); None except on rank 0."""
+        return getattr(gather_geometry(self.share), "point_positions", None)
 
     @property
-    def nodes(self) -> np.ndarray:
-        """Reference positions of the nodes of elements, float64, shape (n_nodes, 3)."""
-        return node_positions(self.discretization)
+    def nodes(self) -> np.ndarray | None:
+        """Reference positions of the nodes of elements, float64, shape (n_nodes, 3); None except on rank 0."""
+        return getattr(gather_geometry(self.share), "node_positions", None)

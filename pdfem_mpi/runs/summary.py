@@ -32,8 +32,8 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         What only the run knows: deck_text, fields_sha256, counts, bonds_per_rank, evaluations, seconds,
         seconds_of_all_starts, memory.
     """
-    simulation, keeper, ended = march.simulation, march.keeper, march.ended
-    model, discretization = simulation.model, simulation.discretization
+    simulation, checkpoints, ended = march.simulation, march.checkpoints, march.ended
+    model, share = simulation.model, simulation.share
     return {
         "schema_version": SCHEMA_VERSION,
         "status": RUN_STATUS[ended.code],
@@ -46,30 +46,30 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         "mesh": {
             "kind": scene.mesh.kind,
             "symmetry": list(scene.mesh.symmetry),
-            "sha256": discretization.mesh.sha256(),
-            "notes": list(discretization.notes),
-            **asdict(discretization.quality),
+            "sha256": share.mesh_sha256,
+            "notes": list(share.notes),
+            **asdict(share.quality),
         },
         "counts": facts["counts"],
         "bonds_per_rank": facts["bonds_per_rank"],
         **_last_row(march, facts["evaluations"]),
         "checkpoints": {
-            "written": keeper.written,
-            "failed": keeper.failed,
-            "seconds": keeper.seconds_in_all,
-            "bytes_of_last": keeper.size or None,
+            "written": checkpoints.written,
+            "failed": checkpoints.failed,
+            "seconds": checkpoints.seconds_in_all,
+            "bytes_of_last": checkpoints.size or None,
         },
-        "restarts": keeper.restarts,
+        "restarts": checkpoints.restarts,
         "seconds_of_all_starts": facts["seconds_of_all_starts"],
         "surface_correction": {
-            "kind": scene.peridynamics.surface_correction if discretization.cutoff else None,
-            "remaining": model.correction_remaining if discretization.cutoff else None,
+            "kind": scene.peridynamics.surface_correction if share.cutoff else None,
+            "remaining": model.correction_remaining if share.cutoff else None,
             "fit": fit_report(model.body_fit, findings.smallest_eigenvalue, findings.stable),
         },
         "failure": findings.failure,
         "bonds_cut_by_cracks": list(model.cut),
         "parts_at_start": {"count": simulation.case.parts.count, "not_held": len(simulation.case.unsupported)},
-        "bonds_by_materials": named_pairs(discretization.materials.names, findings.bonds_by_material),
+        "bonds_by_materials": named_pairs(share.materials.names, findings.bonds_by_material),
         "probes": march.outputs.results,
         "seconds": facts["seconds"],
         "memory": facts["memory"],

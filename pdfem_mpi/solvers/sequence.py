@@ -84,11 +84,12 @@ class Sequence:
             "supports. Hold that part, or join it to the rest."
         )
 
-    def run(self, r, norm, goal, max_evaluations, round_off, told, stop=False) -> None:
+    def run(self, r, norm, goal, max_evaluations, round_off, observe, stop=False) -> None:
         """``K x = r`` until the recursive residual's norm is at most ``goal``; ``r`` is overwritten. Collective.
 
         ``norm`` is that of ``r``. An indefinite direction met below ``round_off`` ends the run quietly: the true
-        residual decides. After ``max_evaluations`` it ends quietly too if ``stop`` says so.
+        residual decides. With ``stop`` it ends quietly after so many steps too, whatever evaluations they took: one is
+        repeated where it does not fit its bounds, and last digits decide whether it does.
         """
         forces = self.forces
         self.x[:] = 0.0
@@ -98,9 +99,9 @@ class Sequence:
         trusted = max(LOWERED * norm, NEAR_ROUND_OFF * round_off)
         gamma = curvature = length = 0.0
         while True:
-            if forces.evaluations >= limit:
-                if stop:
-                    return
+            if stop and len(self.met) >= max_evaluations:
+                return
+            if not stop and forces.evaluations >= limit:
                 raise NotConverged(
                     "solver.max_evaluations were used up before the tolerance was reached. "
                     + (self.obstacle() or "Allow more evaluations or a larger tolerance.")
@@ -132,7 +133,7 @@ class Sequence:
             take_step(self.z, self.w, alpha, beta, self.p, self.s, self.x, r, digits)
             self.norm = math.sqrt(value(sum_integers(forces.model.comm, digits)))
             self.met.append(forces.met.copy())
-            told(self.norm)
+            observe(self.norm)
             best = min(best, self.norm)
             if self.norm <= goal or (self.norm > DRIFT * best and best <= trusted):
                 return

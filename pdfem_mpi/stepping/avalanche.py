@@ -143,7 +143,7 @@ class Avalanche:
         ledger = self.ledger
         program, tolerance = ledger.state.program, ledger.settings.arrest_tolerance
         # under load control it was looked at before, in finite kinematics it is bracketed afterwards
-        looks = ledger.settings.control != "load" and not ledger.finite
+        looks = ledger.settings.control != "load" and not ledger.finite and ledger.case.constant is None
         while not program["apart"] and not program["adrift"]:
             if _is_settled(ledger) if looks else program["relative"] <= tolerance:
                 return

@@ -81,10 +81,31 @@ def _start(ledger: Ledger) -> None:
     state = ledger.state
     state.program |= dict.fromkeys(NUMBERS, 0.0) | {"stable": 1.0, "fresh": 1.0}
     state.load_factor = 1.0
+    if ledger.case.constant is not None:
+        _check_constant_loads(ledger)
     if ledger.finite:
         state.load_factor = small_load(ledger)
     equilibrate(ledger, min(FIRST_TOLERANCE, ledger.solve.settings.tolerance))
     state.program["work"] = ledger.stored()
+
+
+def _check_constant_loads(ledger: Ledger) -> None:
+    """The constant loads alone must break nothing: the program begins beside them.
+
+    Raises
+    ------
+    NotConverged
+    """
+    state = ledger.state
+    factor, state.load_factor = state.load_factor, 0.0
+    equilibrate(ledger, ledger.solve.settings.tolerance)
+    ratio = ledger.forces.largest_ratio(ledger.failure)
+    state.load_factor = factor
+    if ratio >= 1.0:
+        raise NotConverged(
+            f"the loads with constant = true alone stretch a bond to {ratio:.6g} times its critical stretch, before "
+            "anything grows. Lower them, or let them grow."
+        )
 
 
 def _excess(ledger: Ledger) -> float:
@@ -119,7 +140,7 @@ def _load_to_break(avalanche: Avalanche) -> bool:
         raise NotConverged("the load stretches no bond that may break. Load the body otherwise.")
     limit = math.inf if settings.end_load_factor is None else settings.end_load_factor
     excess = _excess(ledger)
-    if ledger.finite:
+    if ledger.finite or ledger.case.constant is not None:
         bracket(ledger, excess, limit)
     else:
         scale(ledger, min(state.load_factor / excess, limit))

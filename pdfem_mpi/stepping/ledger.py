@@ -60,7 +60,7 @@ class Ledger:
         self.reporter = Reporter(self.forces, case, failure)
         self.residual = np.empty_like(state.u)
         self.counted = self._evaluations()
-        self.loose: frozenset[str] = frozenset()
+        self.unsupported: frozenset[str] = frozenset()
         if "stable" in state.program:  # a checkpoint may be older than some of the numbers
             state.program |= dict.fromkeys(NUMBERS, 0.0) | state.program
         if settings.control == "opening":
@@ -93,7 +93,7 @@ class Ledger:
 
     def external(self) -> np.ndarray:
         """The external forces at the state's load, shape (n_unknowns,)."""
-        return self.state.load_factor * self.case.external
+        return self.case.forces(self.state.load_factor)
 
     def evaluate(self, breaking: bool = False) -> int:
         """The residual of the state, with or without breaking bonds; the number of bonds that broke."""
@@ -136,13 +136,13 @@ class Ledger:
 
     def take_loads_off(self) -> bool:
         """Parts that hang together with nothing that could balance their loads carry none; whether loads changed."""
-        before, known = self.case.external, self.loose
+        before, known = self.case.forces(1.0), self.unsupported
         self.find_loads()
-        changed = np.count_nonzero(self.case.external != before)
+        changed = np.count_nonzero(self.case.forces(1.0) != before)
         if not sum_integers(self.model.comm, np.array([changed]))[0]:
             return False
         self.state.program["adrift"] = 0.0
-        new = sorted(self.loose - known)
+        new = sorted(self.unsupported - known)
         for text in new[:NAMED]:
             self.solve.note(f"after {self.failure.count:,} broken bonds loads are off what came loose: {text}")
         if len(new) > NAMED:
@@ -152,12 +152,11 @@ class Ledger:
     def find_loads(self) -> None:
         """The loads that are left: a function of the bonds that are, so that a run taken up again finds the same."""
         self.case, parts = without_loads_on_loose_parts(self.model, self.whole)
-        self.reporter.case, self.loose = self.case, frozenset(part.text for part in parts)
+        self.reporter.case, self.unsupported = self.case, frozenset(part.text for part in parts)
 
     def prescribe(self) -> None:
         """Set the prescribed displacements of the state's load."""
-        fixed = self.case.fixed
-        self.state.u[fixed] = self.state.load_factor * self.case.prescribed[fixed]
+        self.case.displace(self.state.u, self.state.load_factor)
 
     def stored(self) -> float:
         """Strain energy at the last evaluation."""

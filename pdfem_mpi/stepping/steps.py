@@ -38,8 +38,8 @@ def follow_steps(
     reporter = Reporter(forces, case, failure)
     for step, factor in enumerate(settings.load_factors[state.step :], start=state.step + 1):
         stop_requests.between(state)
-        external = factor * case.external
-        state.u[case.fixed] = factor * case.prescribed[case.fixed]
+        external = case.forces(factor)
+        case.displace(state.u, factor)
         while True:
             try:
                 convergence = solve(state, external, partial(watch, step))

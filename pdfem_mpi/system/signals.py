@@ -29,7 +29,7 @@ SET_UP_SECONDS = 3.0
 class Requests:
     """What signals ask of this process; installed once, as early as possible.
 
-    SIGUSR1, SIGTERM and SIGINT (Ctrl-C) ask for a checkpoint and an end: a flag is set, which all ranks hear of at the
+    SIGUSR1, SIGTERM and SIGINT (Ctrl-C) ask for a checkpoint and an end: a flag is set, which all ranks learn of at the
     next safe point. A second one, later than `SAME_SIGNAL_SECONDS`, ends all ranks at once with exit code 70. SIGUSR2
     prints the stacks of all threads.
 
@@ -37,7 +37,7 @@ class Requests:
     at the flag within `SET_UP_SECONDS`, all are ended with exit code 75.
 
     A handler in Python would wait for the main thread, which may wait for another rank for ever: a thread of its own
-    hears of signals instead.
+    receives the signals instead.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Requests:
     comm : Intracomm or None
         Set when MPI has started.
     setting_up : bool
-        Signals are heard, and the load program has not begun.
+        Signals are taken over, and the load program has not begun.
     clean_up : list of callables
         What to do before all ranks are ended; short, and of no other rank.
     """
@@ -65,10 +65,10 @@ class Requests:
     def install(self) -> None:
         """Take over the signals. In the main thread only."""
         self.setting_up = True
-        heard, told = os.pipe()
-        os.set_blocking(told, False)
-        signal.set_wakeup_fd(told, warn_on_full_buffer=False)
-        threading.Thread(target=self._listen, args=(heard,), name="signals", daemon=True).start()
+        reading, writing = os.pipe()
+        os.set_blocking(writing, False)
+        signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+        threading.Thread(target=self._listen, args=(reading,), name="signals", daemon=True).start()
         for number in STOPS:
             # what a shell starts in the background without job control is not meant by a Ctrl-C
             if number != signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN:
@@ -78,13 +78,13 @@ class Requests:
         except (ValueError, OSError, AttributeError):  # standard error is not a file
             signal.signal(signal.SIGUSR2, signal.SIG_IGN)
 
-    def _listen(self, heard: int) -> None:
-        while numbers := os.read(heard, 16):
+    def _listen(self, reading: int) -> None:
+        while numbers := os.read(reading, 16):
             for number in numbers:
                 if number in STOPS:
-                    self.hear(number)
+                    self.handle(number)
 
-    def hear(self, number: int) -> None:
+    def handle(self, number: int) -> None:
         """Note the first signal; end all ranks at the second."""
         now = monotonic()
         name = signal.Signals(number).name

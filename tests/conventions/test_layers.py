@@ -53,7 +53,7 @@ LATE_IMPORTS = {
     ("command.cli", "pdfem_mpi"),
     ("command.doctor", "pdfem_mpi.parallel"),
     ("command.world", "pdfem_mpi.parallel"),
-    ("runs.start", "pdfem_mpi.results"),
+    ("runs.restart_point", "pdfem_mpi.results"),
     ("runs.checkpoints", "pdfem_mpi.results"),
     ("runs.restoring", "pdfem_mpi.results"),
     ("runs.outputs", "pdfem_mpi.results"),
@@ -125,6 +125,17 @@ def test_modules_are_in_folders():
     assert not loose, f"in no folder of FLOORS: {loose}"
 
 
+def test_a_name_stands_for_one_module():
+    """A table of the deck may share its name with the module that makes the thing, and no others."""
+    homes = {}
+    for module in MODULES:
+        folder, _, own = module.rpartition(".")
+        if own and folder.rpartition(".")[2] != own:  # a folder's main module may be called like it
+            homes.setdefault(own, []).append(module)
+    twice = [names for names in homes.values() if len(names) > 1 + any(begins(name, "deck") for name in names)]
+    assert not twice, twice
+
+
 @pytest.mark.parametrize("module", MODULES)
 def test_folders_import_downwards(module):
     """The one rule: a folder imports only from folders printed below it."""
@@ -140,6 +151,19 @@ def test_folders_import_downwards(module):
         if other != folder and (below is None or below <= row):
             wrong.append(f"line {item.line}: {module} imports {target}")
     assert not wrong, wrong
+
+
+#: Modules of the body that speak of all of its cells. The share of a rank is what later stages see.
+WHOLE_BODY = ("body.discretization", "body.subdomain", "body.regions", "body.overlap", "body.fitted_bodies")
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if floor(name) is not None])
+def test_the_whole_body_ends_at_its_share(module):
+    """Above `body/` nothing imports what is made of all cells of the mesh."""
+    if floor(module) >= floor("body"):
+        return
+    imported = {item.target.removeprefix("pdfem_mpi.") for item in imports_of(TREES[module])}
+    assert not imported & set(WHOLE_BODY)
 
 
 @pytest.mark.parametrize("module", MODULES)

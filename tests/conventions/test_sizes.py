@@ -23,7 +23,7 @@ LONG_CLASSES = {
     "model.forces.Forces": 210,
     "peridynamics.failure.Failure": 176,
     "runs.checkpoints.CheckpointWriter": 190,
-    "runs.run._Run": 215,
+    "runs.run._Run": 210,
 }
 
 

@@ -58,10 +58,10 @@ def elements(spacing, tolerance):
     text = (ROOT / "jobs" / "plate_fe.toml").read_text(encoding="utf-8")
     scene = parse_deck(text, "plate_fe.toml", (f"mesh.spacing={spacing}", f"solver.tolerance={tolerance}"))
     body = build(scene)
-    solve = make_solver(scene, body.discretization, body.forces, body.case, Silence().line)
+    solve = make_solver(scene, body.share, body.forces, body.case, Silence().line)
     steps = follow_load_program(scene, solve, None, body.state, body.case)
     assert len(list(steps)) == 1
-    return scene, body.discretization.mesh, gather_fields(body.discretization, body.forces, body.state.u).u_nodes
+    return scene, body.share.mesh, gather_fields(body.share, body.forces, body.state.u).u_nodes
 
 
 def without_rigid_motion(x, u):

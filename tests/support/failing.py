@@ -14,7 +14,6 @@ from pdfem_mpi.deck.peridynamics import Crack, Peridynamics
 from pdfem_mpi.deck.programs import Events, Solver
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.measure.fields import point_positions
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.stepping import Report, follow_load_program, make_solver
@@ -121,15 +120,15 @@ class Failing:
 
     def middles(self):
         """Midpoints of the bonds broken on this rank, relative to the body's centre, deck units, shape (n, 3)."""
-        x = point_positions(self.body.discretization) - self.body.discretization.units.origin
-        return x[self.failure.broken_pairs()].mean(axis=1)
+        x = self.body.geometry.point_positions - self.body.share.units.origin
+        return x[self.body.geometry.rows_of_points(self.failure.broken_pairs())[0]].mean(axis=1)
 
 
 def failing(scene, comm=None) -> Failing:
     """Assemble a scene that can fail. Collective."""
     body = build(scene, comm)
-    failure = make_failure(scene, body.discretization, body.model)
-    return Failing(body, failure, make_solver(scene, body.discretization, body.forces, body.case, print), [])
+    failure = make_failure(scene, body.share, body.model)
+    return Failing(body, failure, make_solver(scene, body.share, body.forces, body.case, print), [])
 
 
 def followed(scene, rows=None, comm=None) -> Failing:

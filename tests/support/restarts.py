@@ -21,8 +21,8 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.results.checkpoint_files import list_checkpoints
+from pdfem_mpi.runs.restart_point import Refused, RunOptions
 from pdfem_mpi.runs.run import run
-from pdfem_mpi.runs.start import Refused, RunOptions
 from support.bodies import YOUNGS_MODULUS, make_scene
 from support.reporters import Listener
 

@@ -61,8 +61,8 @@ class Solved:
 def solve(scene: Scene) -> Solved:
     """The last load step, or the state in which the first bond is about to break."""
     body = build(scene)
-    failure = make_failure(scene, body.discretization, body.model)
-    solver = make_solver(scene, body.discretization, body.forces, body.case, lambda text: None)
+    failure = make_failure(scene, body.share, body.model)
+    solver = make_solver(scene, body.share, body.forces, body.case, lambda text: None)
     body.state.began = 0.0
     found = Solved(scene, body)
     try:
@@ -102,7 +102,8 @@ def factors(solved: Solved, plain: DenseBody) -> np.ndarray:
     """Stored strength of each bond over that without correction, (n_points, n_points); no mirror planes."""
     model = solved.body.model
     x, i, j, stored = bond_list(solved.body)
-    number = model.points.cell_number
+    share = solved.body.share
+    number = share.point_row[share.subdomain.point_cells]
     i, j = (8 * number[k // 8] + k % 8 for k in (i, j))
     r = np.linalg.norm(x[bond_list(solved.body)[2]] - x[bond_list(solved.body)[1]], axis=1)
     strength = np.zeros((len(plain.x),) * 2)
@@ -197,13 +198,13 @@ def test_relaxation_comes_to_the_same_equilibrium(seed):
 
 def placed(solved: Solved):
     """Positions and displacements of all points and nodes."""
-    d = solved.body.discretization
+    d = solved.body.share
     x, u = [], []
     if solved.fields.u_points is not None:
         x.append(point_positions(d))
         u.append(solved.fields.u_points)
     if solved.fields.u_nodes is not None:
-        x.append(d.mesh.nodes[d.node_number >= 0])
+        x.append(d.mesh.nodes[d.node_row >= 0])
         u.append(solved.fields.u_nodes)
     return x, u
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from pdfem_mpi import __version__
-from pdfem_mpi.body.discretization import Discretization, discretize
+from pdfem_mpi.body.areas import find_boundary
+from pdfem_mpi.body.share import Share, share_of
 from pdfem_mpi.command import study
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.materials import Material
@@ -22,7 +23,8 @@ from pdfem_mpi.kernels import bond_failure as failure_kernels
 from pdfem_mpi.kernels.exact_sums import add_products
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS
 from pdfem_mpi.measure.bar import measure_bar
-from pdfem_mpi.measure.fields import gather_fields, point_positions
+from pdfem_mpi.measure.fields import gather_fields
+from pdfem_mpi.measure.geometry import gather_geometry
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model.breaking import make_failure
@@ -35,11 +37,10 @@ from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.peridynamics.fit import equations, fit
-from pdfem_mpi.peridynamics.fit.areas import find_boundary
 from pdfem_mpi.peridynamics.fit.operator import Operator
 from pdfem_mpi.peridynamics.making_bonds import make_bonds
 from pdfem_mpi.results.plots import STYLE
-from pdfem_mpi.results.study import CURVES
+from pdfem_mpi.results.study_files import CURVES
 from pdfem_mpi.stepping import follow_load_program, ledger, make_solver
 from pdfem_mpi.stepping.steps import break_bonds
 from pdfem_mpi.system.launcher import mpirun_command, prepare_environment
@@ -66,13 +67,13 @@ __all__ = [
     "assemble",
     "box",
     "break_bonds",
-    "discretize",
     "equations",
     "failure_kernels",
     "find_boundary",
     "fit",
     "follow_load_program",
     "gather_fields",
+    "gather_geometry",
     "ledger",
     "make_bonds",
     "make_failure",
@@ -81,10 +82,10 @@ __all__ = [
     "mpirun_command",
     "parse_deck",
     "plate_with_hole",
-    "point_positions",
     "point_rows",
     "prepare_environment",
     "read_deck",
+    "share_of",
     "study",
     "write_deck",
 ]
@@ -95,7 +96,7 @@ class Assembled:
     """A scene on this rank alone, ready to be solved; model units."""
 
     scene: Scene
-    discretization: Discretization
+    share: Share
     model: Model
     load: LoadCase
     forces: Forces
@@ -108,8 +109,8 @@ class Assembled:
 
 def assemble(scene: Scene, fits: tuple[Path, ...] = ()) -> Assembled:
     """A scene's body, equations, loads and state; fits of bond factors are looked for and kept in some folders."""
-    discretization = discretize(scene)
-    model = build_model(scene, discretization, mpi().COMM_SELF, fits)
+    share = share_of(scene, mpi().COMM_SELF)
+    model = build_model(scene, share, mpi().COMM_SELF, fits)
     state = new_state(model)
-    load = make_load_case(scene, discretization, model)
-    return Assembled(scene, discretization, model, load, Forces(model, state.bounds), state)
+    load = make_load_case(scene, share, model)
+    return Assembled(scene, share, model, load, Forces(model, state.bounds), state)

@@ -2,9 +2,9 @@
 
 from pdfem_mpi.command.study.members import Axis, Member, StudyError, make_members, parse_axes
 from pdfem_mpi.command.study.outcomes import Outcome, changed_members, check_folder, outcome_in
+from pdfem_mpi.command.study.result_table import results_of
 from pdfem_mpi.command.study.running import Interruption, Start, starter
 from pdfem_mpi.command.study.study import prepare, run_study
-from pdfem_mpi.command.study.table import results_of
 
 __all__ = [
     "Axis",

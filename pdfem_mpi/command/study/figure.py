@@ -8,11 +8,11 @@ from pathlib import Path
 
 from pdfem_mpi.command.study.members import Axis, Member, StudyError
 from pdfem_mpi.command.study.outcomes import Outcome
-from pdfem_mpi.command.study.table import results_of, unquoted
+from pdfem_mpi.command.study.result_table import results_of, unquoted
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import dimension_of
 from pdfem_mpi.results.labels import attempt
-from pdfem_mpi.results.study import Series, draw_study
+from pdfem_mpi.results.study_files import Series, draw_study
 
 
 def choose_results(outcomes: Sequence[Outcome], wanted: Sequence[str]) -> list[str]:

@@ -13,9 +13,9 @@ from pathlib import Path
 from pdfem_mpi.command.study.figure import draw
 from pdfem_mpi.command.study.members import Axis, Member, StudyError, make_members, parse_axes
 from pdfem_mpi.command.study.outcomes import changed_members, check_folder
+from pdfem_mpi.command.study.result_table import table
 from pdfem_mpi.command.study.running import Interruption, Start, exit_code, follow
-from pdfem_mpi.command.study.table import table
-from pdfem_mpi.results.study import write_table
+from pdfem_mpi.results.study_files import write_table
 
 
 def prepare(

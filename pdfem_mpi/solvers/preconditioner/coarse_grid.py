@@ -14,8 +14,8 @@ from itertools import product
 import numpy as np
 from scipy import sparse
 
-from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.kernels.finite_elements import lame_moduli
+from pdfem_mpi.body.share import Share
+from pdfem_mpi.kernels.element_tables import lame_moduli
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.multigrid import interpolate, restrict
 from pdfem_mpi.mesh.background_grid import CORNERS, add_moments, cell_nodes, moment_table
@@ -77,16 +77,14 @@ class Grid:
         return x - self.free @ (self.free.T @ x)
 
 
-def make_grid(
-    intact: Model, discretization: Discretization, fixed: np.ndarray, spring: float, motions: np.ndarray
-) -> Grid:
+def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, motions: np.ndarray) -> Grid:
     """Set up the grid over a finite-element model. Collective.
 
     Parameters
     ----------
     intact : Model
         Finite elements in every cell.
-    discretization : Discretization
+    share : Share
         Of the same body.
     fixed : bool, shape (n_owned_nodes, 3)
         Components that do not move: held by springs of stiffness ``spring``.
@@ -94,10 +92,9 @@ def make_grid(
         Rigid motions that nothing holds, as combinations of translations and rotations.
     """
     comm, nodes, subdomain = intact.comm, intact.nodes, intact.subdomain
-    positions, cells = discretization.nodes, discretization.mesh.cells
-    lower, upper = positions.min(axis=0), positions.max(axis=0)
-    edge = np.sqrt(((positions[cells[:, 6]] - positions[cells[:, 0]]) ** 2).sum(axis=1) / 3.0)
-    spacing = COARSENING * float(np.median(edge))
+    positions, cells = share.nodes, share.mesh.cells
+    lower, upper = share.lower, share.upper
+    spacing = COARSENING * share.typical_edge
     counts = np.maximum(1, np.rint((upper - lower) / spacing)).astype(np.int64)
     n_halvings = 0
     while _fill(_halved(counts, n_halvings)) > MOST_FILL:
@@ -108,12 +105,12 @@ def make_grid(
     own = subdomain.elements
     points = gauss_positions(positions[cells[own]])
     where, xi = _locate(points.reshape(-1, 3), lower, h, counts)
-    modulus, nu = (np.repeat(v[own], 8) for v in (discretization.youngs_modulus, discretization.poissons_ratio))
+    modulus, nu = (np.repeat(v[own], 8) for v in (share.youngs_modulus, share.poissons_ratio))
     stiffest = np.zeros(int(np.prod(counts)))
     np.maximum.at(stiffest, where, modulus)
     stiffest = largest(comm, stiffest)
     quantum = MOMENT_QUANTUM * _power_of_two(stiffest)
-    ratios = np.unique(discretization.materials.poissons_ratio)
+    ratios = np.unique(share.materials.poissons_ratio)
     moments = np.zeros((len(ratios) + 3, len(stiffest), 27), np.int64)
     terms = modulus * gauss_volumes(positions[cells[own]]).reshape(-1)
     for k, ratio in enumerate(ratios):

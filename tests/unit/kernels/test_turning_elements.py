@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from unit.kernels.bodies_of_elements import box, turn
 
-from pdfem_mpi.kernels import finite_elements as fe
+from pdfem_mpi.kernels import element_tables as tables
+from pdfem_mpi.kernels import linear_elements as fe
 from pdfem_mpi.kernels import turning_elements as te
 from support import total_lagrangian
 
@@ -25,7 +26,7 @@ def large(x, size=0.15, seed=4):
 
 def arguments(x, cells, scale=1.0):
     scale = scale * np.ones(len(cells))
-    return cells, fe.gradient_tables(x[cells]), LAM * scale, MU * scale
+    return cells, tables.gradient_tables(x[cells]), LAM * scale, MU * scale
 
 
 def forces(u, x, cells, scale=1.0, quantum=QUANTUM):
@@ -127,7 +128,7 @@ def test_one_table_serves_all_elements_of_a_shape(scale):
     x, cells = box()
     u, met = large(x), np.zeros(2)
     force = np.zeros(u.shape, np.int64)
-    te.add_forces(force, u, cells, fe.gradient_tables(x[cells[:1]]), LAM * scale, MU * scale, QUANTUM, met)
+    te.add_forces(force, u, cells, tables.gradient_tables(x[cells[:1]]), LAM * scale, MU * scale, QUANTUM, met)
     assert (force == forces(u, x, cells, scale)[0]).all()
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.finite_elements import elements as elements_module
-from pdfem_mpi.kernels.finite_elements import element_stiffness
+from pdfem_mpi.kernels.element_tables import element_stiffness
 from pdfem_mpi.peridynamics.clusters import cluster_layout, point_rows
 from support.bodies import build, make_scene
 

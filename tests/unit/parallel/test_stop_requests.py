@@ -19,7 +19,7 @@ from pdfem_mpi.system.signals import Requests
 from support.helpers import run_python
 
 
-class Keeper:
+class Checkpoints:
     """Counts checkpoints; they may fail."""
 
     def __init__(self, works=True):
@@ -46,8 +46,9 @@ def clock(monkeypatch):
     return now
 
 
-def stop_requests(keeper=None, requests=None, end=None, **settings):
-    return StopRequests(mpi().COMM_SELF, requests or Requests(), keeper or Keeper(), Checkpoint(**settings), end)
+def stop_requests(checkpoints=None, requests=None, end=None, **settings):
+    requests, checkpoints = requests or Requests(), checkpoints or Checkpoints()
+    return StopRequests(mpi().COMM_SELF, requests, checkpoints, Checkpoint(**settings), end)
 
 
 # --- signals ----------------------------------------------------------------------------------------------
@@ -58,12 +59,12 @@ def test_a_signal_sets_a_flag_and_a_second_one_ends_all_ranks(clock):
     codes = []
     requests = Requests()
     requests.comm = SimpleNamespace(Abort=codes.append, size=2)
-    requests.hear(signal.SIGUSR1)
+    requests.handle(signal.SIGUSR1)
     clock[0] += 0.9
-    requests.hear(signal.SIGTERM)
+    requests.handle(signal.SIGTERM)
     assert requests.stop and codes == []
     clock[0] += 0.2
-    requests.hear(signal.SIGTERM)
+    requests.handle(signal.SIGTERM)
     assert codes == [70]
 
 
@@ -104,101 +105,101 @@ def test_handlers_need_neither_numpy_nor_mpi():
 
 
 def test_a_stop_keeps_the_state_and_ends_the_run(clock):
-    keeper, requests = Keeper(), Requests()
-    asked = stop_requests(keeper, requests)
+    checkpoints, requests = Checkpoints(), Requests()
+    asked = stop_requests(checkpoints, requests)
     asked.act(asked.votes(), state(1, 5))
-    assert keeper.saved == []
-    requests.hear(signal.SIGUSR1)
+    assert checkpoints.saved == []
+    requests.handle(signal.SIGUSR1)
     with pytest.raises(Stopped, match="asked to stop") as stop:
         asked.act(asked.votes(), state(1, 6))
-    assert keeper.saved == [(1, 6)] and stop.value.kept
+    assert checkpoints.saved == [(1, 6)] and stop.value.kept
     with pytest.raises(Stopped):
         asked.between(state(2, 0))
 
 
 def test_a_stop_says_when_nothing_could_be_kept(clock):
     requests = Requests()
-    requests.hear(signal.SIGUSR1)
+    requests.handle(signal.SIGUSR1)
     with pytest.raises(Stopped) as stop:
-        stop_requests(Keeper(works=False), requests).between(state())
+        stop_requests(Checkpoints(works=False), requests).between(state())
     assert not stop.value.kept
 
 
 def test_the_votes_of_other_ranks_count(clock):
     """What is acted on are the sums over all ranks."""
-    keeper = Keeper()
+    checkpoints = Checkpoints()
     with pytest.raises(Stopped):
-        stop_requests(keeper).act((1, 0), state(0, 3))
-    stop_requests(keeper).act((0, 1), state(0, 4))
-    assert keeper.saved == [(0, 3), (0, 4)]
+        stop_requests(checkpoints).act((1, 0), state(0, 3))
+    stop_requests(checkpoints).act((0, 1), state(0, 4))
+    assert checkpoints.saved == [(0, 3), (0, 4)]
 
 
 def test_no_state_is_kept_twice(clock):
-    keeper = Keeper()
-    asked = stop_requests(keeper)
+    checkpoints = Checkpoints()
+    asked = stop_requests(checkpoints)
     asked.resumed(state(1, 7))
     asked.save(state(1, 7))
-    assert keeper.saved == []
+    assert checkpoints.saved == []
     asked.save(state(1, 8))
     asked.save(state(1, 8))
-    assert keeper.saved == [(1, 8)]
+    assert checkpoints.saved == [(1, 8)]
 
 
 def test_minutes_between_checkpoints(clock):
-    keeper = Keeper()
-    asked = stop_requests(keeper, minutes=10.0)
+    checkpoints = Checkpoints()
+    asked = stop_requests(checkpoints, minutes=10.0)
     for iteration in range(1, 26):
         clock[0] += 60.0
         asked.act(asked.votes(), state(0, iteration))
-    assert keeper.saved == [(0, 11), (0, 22)]
+    assert checkpoints.saved == [(0, 11), (0, 22)]
 
 
 def test_checkpoints_take_five_percent_of_the_time_at_most(clock):
     """One that takes 2 s, asked for every second, comes every 40 s and not more often."""
 
-    class Slow(Keeper):
+    class Slow(Checkpoints):
         def save(self, state):
             clock[0] += 2.0
             return super().save(state)
 
-    keeper = Slow()
-    asked = stop_requests(keeper, minutes=1.0 / 60.0)
+    checkpoints = Slow()
+    asked = stop_requests(checkpoints, minutes=1.0 / 60.0)
     start = clock[0]
     for iteration in range(400):
         clock[0] += 1.0
         asked.act(asked.votes(), state(0, iteration))
-    assert 8 <= len(keeper.saved) <= 11 and 2.0 * len(keeper.saved) <= 0.055 * (clock[0] - start)
+    assert 8 <= len(checkpoints.saved) <= 11 and 2.0 * len(checkpoints.saved) <= 0.055 * (clock[0] - start)
 
 
 def test_iterations_and_steps_between_checkpoints(clock):
-    keeper = Keeper()
-    asked = stop_requests(keeper, iterations=3, steps=2)
+    checkpoints = Checkpoints()
+    asked = stop_requests(checkpoints, iterations=3, steps=2)
     for step in range(5):
         asked.between(state(step, 9))
         for iteration in range(1, 8):
             asked.act(asked.votes(), state(step, iteration))
     inner = [(step, iteration) for step in range(5) for iteration in (3, 6)]
-    assert [place for place in keeper.saved if place in inner] == inner
-    assert (2, 9) not in keeper.saved  # two iterations' checkpoints are since the step began
+    assert [place for place in checkpoints.saved if place in inner] == inner
+    assert (2, 9) not in checkpoints.saved  # two iterations' checkpoints are since the step began
 
 
 def test_steps_between_checkpoints(clock):
-    keeper = Keeper()
-    asked = stop_requests(keeper, steps=2)
+    checkpoints = Checkpoints()
+    asked = stop_requests(checkpoints, steps=2)
     for step in range(7):
         asked.between(state(step))
-    assert keeper.saved == [(2, 0), (4, 0), (6, 0)]
+    assert checkpoints.saved == [(2, 0), (4, 0), (6, 0)]
 
 
 def test_the_time_allowed_ends_early_enough_for_a_checkpoint(clock):
-    keeper = Keeper()
-    asked = stop_requests(keeper, end=1100.0)
+    checkpoints = Checkpoints()
+    asked = stop_requests(checkpoints, end=1100.0)
     clock[0] = 1097.0
     asked.between(state(1))
     clock[0] = 1098.5
     with pytest.raises(Stopped, match="--max-hours is used up"):
         asked.between(state(2))
-    assert keeper.saved == [(2, 0)]
+    assert checkpoints.saved == [(2, 0)]
 
 
 def test_nobody_can_set_the_clock_back(monkeypatch):

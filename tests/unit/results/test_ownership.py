@@ -14,7 +14,7 @@ from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.table import DeckError, SceneError
 from pdfem_mpi.deck.toml import read_deck, write_deck
 from pdfem_mpi.results.ownership import RECORD, Written, is_run, refuse_deck, refuse_folder, refuse_study
-from pdfem_mpi.runs.start import AUTO
+from pdfem_mpi.runs.restart_point import AUTO
 from pdfem_mpi.system.files import replacing
 from pdfem_mpi.system.plain_files import NotPlain, read_plain, strange_kind
 from support.bodies import make_scene

@@ -37,13 +37,13 @@ def endless(faces, correction, cells=(2, 2, 1)):
 
 def numbers_of(scene):
     body = build(scene, loaded=False)
-    return body, criteria(scene, body.discretization, body.model)
+    return body, criteria(scene, body.share, body.model)
 
 
 def notes(scene):
     body, found = numbers_of(scene)
-    failure = make_failure(scene, body.discretization, body.model)
-    return list(describe_criterion(scene, body.discretization, failure, found))
+    failure = make_failure(scene, body.share, body.model)
+    return list(describe_criterion(scene, body.share, failure, found))
 
 
 # --- numbers
@@ -109,12 +109,12 @@ def test_summary_tells_strength_energies_and_length():
     """In the deck's units, by material; nothing where nothing breaks."""
     scene = strip()
     body, found = numbers_of(scene)
-    told = failure_summary(scene, body.discretization, make_failure(scene, body.discretization, body.model), found)
+    told = failure_summary(scene, body.share, make_failure(scene, body.share, body.model), found)
     assert (told["internal_length"], told["internal_length_given"], told["cutoff_radius"]) == (1.0, False, 2.5)
     material = told["materials"]["default"]
     assert material["critical_stretch"] == STRETCH and material["strength"] == pytest.approx(MODULUS * STRETCH)
     assert 0.0 < material["fracture_energy_own_bonds"][0] < material["fracture_energy_bulk"]
-    assert failure_summary(scene, body.discretization, None, {}) is None
+    assert failure_summary(scene, body.share, None, {}) is None
     assert numbers_of(make_scene((2, 2, 2)))[1] == {}
 
 

@@ -84,7 +84,8 @@ def test_a_run_that_goes_on_with_more_probes_has_more_columns(tmp_path):
     plain = TINY + PROBES[PROBES.index("[output]") :].replace("[0.5, 1.0]", "[0.5]")
     assert alone(parse_deck(plain, "deck.toml"), tmp_path / "run") == 0
     reporter = Listener()
-    assert alone(parse_deck(NAMED + PROBES, "deck.toml"), tmp_path / "run", reporter=reporter) == 0, reporter.lines
+    scene = parse_deck(NAMED + PROBES, "deck.toml")
+    assert alone(scene, tmp_path / "run", reporter=reporter, resume="continue") == 0, reporter.lines
     first, last = rows_of(tmp_path / "run")
     assert (first["tip.u_x"], first["step"]) == ("", "1") and float(last["tip.u_x"]) > 0.0
     assert float(first["wall_seconds"]) > 0.0 and not list((tmp_path / "run").glob("history.csv.*"))

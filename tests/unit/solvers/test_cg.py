@@ -5,6 +5,7 @@ import pytest
 
 from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.deck.peridynamics import Crack
+from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
@@ -20,7 +21,7 @@ def solved(scene, solver, notes=None, factor=1.0):
     """Body and convergence after one load step."""
     body = build(scene)
     body.state.u[body.case.fixed] = factor * body.case.prescribed[body.case.fixed]
-    solve = make_solver(scene, body.discretization, body.forces, body.case, (notes or []).append)
+    solve = make_solver(scene, body.share, body.forces, body.case, (notes or []).append)
     return body, solve(body.state, factor * body.case.external, lambda progress: None)
 
 
@@ -57,7 +58,7 @@ def test_reported_residual_is_the_true_one():
 def test_warm_start_at_the_solution_costs_one_evaluation():
     """From an equilibrium nothing is left to do but to look at it."""
     body, _ = solved(make_scene((8, 3, 2), 4, solver="cg", tolerance=1e-8), "cg")
-    preconditioner = make_preconditioner(body.discretization, body.model, body.case)
+    preconditioner = make_preconditioner(body.share, body.model, body.case)
     again = cg.solve(body.forces, body.state, body.case.external, body.case.fixed, 1e-7, 100, preconditioner)
     assert again.evaluations == 1
 
@@ -75,7 +76,7 @@ def test_no_sweep_is_wasted(scene):
     cells, n_elements, options = scene
     body = build(make_scene(cells, n_elements, solver="cg", tolerance=1e-9, **options))
     seen = []
-    solve = make_solver(body.scene, body.discretization, body.forces, body.case, pytest.fail)
+    solve = make_solver(body.scene, body.share, body.forces, body.case, pytest.fail)
     convergence = solve(body.state, body.case.external, seen.append)
     assert convergence.evaluations == seen[-1].iteration + 1
 
@@ -127,7 +128,7 @@ def test_too_few_evaluations_are_named():
 def test_indefinite_operators_are_named(wrong, monkeypatch):
     """A negative preconditioner is a breakdown; a negative stiffness, which relaxation cannot mend, the end."""
     body = build(make_scene((6, 2, 2), solver="cg"))
-    preconditioner = make_preconditioner(body.discretization, body.model, body.case)
+    preconditioner = make_preconditioner(body.share, body.model, body.case)
     if wrong == "preconditioner":
         apply = preconditioner.apply
 
@@ -152,7 +153,30 @@ def test_relaxation_goes_on_after_a_breakdown():
     )
     notes = []
     body = build(scene)
-    solve = make_solver(scene, body.discretization, body.forces, body.case, notes.append)
+    solve = make_solver(scene, body.share, body.forces, body.case, notes.append)
     convergence = solve(body.state, body.case.external, lambda progress: None)
     assert convergence.residual <= 1e-4
     assert "conjugate gradients broke down" in notes[0]
+
+
+def test_steps_are_counted_whatever_sums_do_not_fit(monkeypatch):
+    """Last digits decide whether an evaluation fits its bounds and counts; how far a state is relaxed does not."""
+    body = build(make_scene((6, 3, 2), 2, solver="cg", **HELD))
+    solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
+
+    def improved():
+        residual, step = body.case.external.copy(), np.zeros_like(body.state.u)
+        before = body.forces.evaluations
+        cg.improve(body.forces, residual, body.case.fixed, 0.0, 5, solve.preconditioner, step)
+        return step, body.forces.evaluations - before
+
+    generous, sweeps = improved()
+    guess = Forces.guess_bounds
+
+    def tight(forces, u):
+        guess(forces, 1e-3 * u)
+
+    monkeypatch.setattr(Forces, "guess_bounds", tight)
+    repeated, more = improved()
+    assert more > sweeps == 5
+    assert np.abs(repeated - generous).max() <= 1e-9 * np.abs(generous).max()

@@ -8,7 +8,7 @@ from pdfem_mpi.deck.outputs import OpeningProbe
 from pdfem_mpi.deck.programs import Events
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.model.gauges import gauge_of, opening_of
+from pdfem_mpi.model.gauges import gauge_of
 from pdfem_mpi.solvers.convergence import NotConverged
 from support.bodies import build
 from support.failing import failing, strip
@@ -34,8 +34,7 @@ def notched(control="opening", probe=None, **options):
 def follow(scene, rows=None):
     """The rows, and the opening at each."""
     run = failing(scene)
-    weights = opening_of(scene, run.body.discretization, "cmod")
-    gauge = gauge_of(run.body.discretization, run.body.model, weights)
+    gauge = gauge_of(run.body.share, run.body.model, run.body.share.probes["cmod.opening"])
     openings = [gauge.read(run.body.model.comm, run.body.state.u) for _ in run.follow(rows)]
     return run, np.array(openings)
 
@@ -94,7 +93,7 @@ def test_a_run_ends_at_an_opening():
     """Linear kinematics: the last state has it to round-off."""
     run, openings = follow(notched(end_opening=7.3e-3))
     assert run.rows[-1].event == "end"
-    assert openings[-1] * run.body.discretization.units.length == pytest.approx(7.3e-3, rel=1e-6)
+    assert openings[-1] * run.body.share.units.length == pytest.approx(7.3e-3, rel=1e-6)
 
 
 def test_a_load_that_closes_the_opening_is_named():
@@ -110,7 +109,7 @@ def test_an_opening_is_that_of_its_points():
         for one, two in (((4.5, 0.0, 0.5), (5.5, 0.3, 0.5)), ((0.0, 1.0, 0.0), (10.0, 3.0, 1.0))):
             probe = OpeningProbe(kind="opening", name="cmod", one=one, two=two, direction=(0.0, 3.0, 4.0))
             body = build(notched(probe=probe, elements=elements))
-            gauge = gauge_of(body.discretization, body.model, opening_of(body.scene, body.discretization, "cmod"))
+            gauge = gauge_of(body.share, body.model, body.share.probes["cmod.opening"])
             u = body.of_positions(lambda x: x @ gradient.T)
             expected = (gradient @ (np.array(two) - np.array(one))) @ (0.0, 0.6, 0.8)
             assert gauge.read(body.model.comm, u) * body.model.units.length == pytest.approx(expected, rel=1e-12)

@@ -124,9 +124,9 @@ class BondList:
         From the first end to the second, its square, and the bond's factor over that of no correction.
     """
 
-    def __init__(self, discretization, model):
+    def __init__(self, share, model):
         points = model.points
-        plain, _ = make_bonds(model.comm, points, discretization.materials, discretization.cutoff, False, "none")
+        plain, _ = make_bonds(model.comm, points, share.materials, share.cutoff, False, "none")
         x = point_rows(points.x)
         self.ends, self.vector, self.square, self.factor, self.stored = [], [], [], [], []
         for rows, base in zip(model.bonds.rows, plain.rows, strict=True):
@@ -147,7 +147,7 @@ class BondList:
             yield ((u[ends[:, 1]] - u[ends[:, 0]]) * vector).sum(axis=1) / square
 
 
-def weights(rule: str, bonds: BondList, edge: float, discretization, model):
+def weights(rule: str, bonds: BondList, edge: float, share, model):
     """What a rule multiplies stretches by before it compares: to set the load, and to break.
 
     Parameters
@@ -158,7 +158,7 @@ def weights(rule: str, bonds: BondList, edge: float, discretization, model):
     edge : float
         Of the cells, model units.
     """
-    outer = _outer_points(discretization, model) if "depth" in rule else None
+    outer = _outer_points(share, model) if "depth" in rule else None
     telling, breaking = [], []
     for ends, square, factor in zip(bonds.ends, bonds.square, bonds.factor, strict=True):
         tell = np.ones(len(factor))
@@ -183,10 +183,10 @@ def weights(rule: str, bonds: BondList, edge: float, discretization, model):
     return telling, breaking
 
 
-def _outer_points(discretization, model) -> np.ndarray:
+def _outer_points(share, model) -> np.ndarray:
     """Points in the outer layer of a cell at the surface: closer to it than half a cell; bool, shape (n_points,)."""
-    boundary = find_boundary(discretization.mesh, discretization.nodes, discretization.body)
-    outer = np.zeros((len(discretization.mesh.cells), 8), bool)
+    boundary = find_boundary(share.mesh, share.nodes, share.body)
+    outer = np.zeros((len(share.mesh.cells), 8), bool)
     axis, upper = np.divmod(boundary.side, 2)
     np.logical_or.at(outer, boundary.cell, (GAUSS_POINTS.T[axis] > 0.0) == (upper == 1)[:, None])
     return outer[model.subdomain.free].reshape(-1)

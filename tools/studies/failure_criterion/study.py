@@ -104,33 +104,33 @@ def run(case: Case) -> dict:
     meshes.mkdir(parents=True, exist_ok=True)
     scene = make_scene(case.body, case.h, case.length, case.correction, case.mirrored, meshes)
     body = internals.assemble(scene, (RESULTS.folder / "fits",))
-    discretization, model = body.discretization, body.model
-    failure = internals.make_failure(scene, discretization, model)
-    edge = case.h / discretization.units.length
+    share, model = body.share, body.model
+    failure = internals.make_failure(scene, share, model)
+    edge = case.h / share.units.length
     failure.nearest = 0.5 * edge if case.rule == PROGRAMS_OWN else 0.0
     fit = model.body_fit.fit if model.body_fit else None
     known = {"bonds": model.bonds.count, "fit_residual": fit.residual if fit else None}
     known["largest_factor"] = fit.largest_factor if fit else None
     if case.body == "strip":
-        known["fracture_energy"] = own_fracture_energy(case, discretization, model)
+        known["fracture_energy"] = own_fracture_energy(case, share, model)
     else:
         if case.rule not in ("all", PROGRAMS_OWN):
-            bonds = BondList(discretization, model)
-            rule = weights(case.rule, bonds, edge, discretization, model)
+            bonds = BondList(share, model)
+            rule = weights(case.rule, bonds, edge, share, model)
             books = failure.class_of, failure.stretch, failure.pairs, failure.strengths, failure.counter
             failure = Ruled(*books).follow(bonds, *rule)
-        solver = internals.make_solver(scene, discretization, body.forces, body.load, print)
+        solver = internals.make_solver(scene, share, body.forces, body.load, print)
         program = internals.follow_load_program(scene, solver, failure, body.state, body.load)
         rows = list(islice(program, 1 if case.only_first else None))
-        known |= history(case, discretization, failure, rows, scene.mesh.symmetry)
+        known |= history(case, share, failure, rows, scene.mesh.symmetry)
     known["seconds"] = time.process_time() - began
     RESULTS.write(case.name, identity(case), known)
     return known
 
 
-def history(case: Case, discretization, failure, rows, planes) -> dict:
+def history(case: Case, share, failure, rows, planes) -> dict:
     """First break, peak over stable states and their energies, from the rows of a run."""
-    units, (_, width, ligament, _) = discretization.units, BODIES[case.body]
+    units, (_, width, ligament, _) = share.units, BODIES[case.body]
     parts = 2 ** len(planes)
     section = width * THICKNESS / 2 ** sum(face[0] in "yz" for face in planes)
     to_stress = units.force / section / STRETCH
@@ -140,13 +140,13 @@ def history(case: Case, discretization, failure, rows, planes) -> dict:
     known = {"first": stable[0].reaction * to_stress}
     if case.only_first:
         return known
-    x, ids = internals.point_positions(discretization), failure.broken_pairs()
-    n = len(x)
-    ends = x[ids % n] - units.origin
+    geometry = internals.gather_geometry(share)
+    rows_of_ends, reflection = geometry.rows_of_points(failure.broken_pairs())
+    ends = geometry.point_positions[rows_of_ends] - units.origin
     if len(planes):
-        sign, shift = discretization.reflections
+        sign, shift = share.reflections
         sign, shift = np.concatenate([np.ones((1, 3)), sign]), np.concatenate([np.zeros((1, 3)), shift * units.length])
-        ends = sign[ids // n] * ends + shift[ids // n]
+        ends = sign[reflection] * ends + shift[reflection]
     middle = ends.mean(axis=1) + units.origin
     if case.h == 1.0:  # the finer bodies' runs end when half of the load is lost
         known |= {"broken": parts * rows[-1].broken, "energy": rows[-1].dissipated * to_energy}
@@ -160,16 +160,16 @@ def history(case: Case, discretization, failure, rows, planes) -> dict:
     }
 
 
-def own_fracture_energy(case: Case, discretization, model) -> float:
+def own_fracture_energy(case: Case, share, model) -> float:
     """Energy of the bonds across ``x = 0`` at the critical stretch over the bulk's ``G_c``, away from the edges."""
-    bonds, half = BondList(discretization, model), (BODIES["strip"][1] / 2.0 - 2.6 * case.length) / case.length
+    bonds, half = BondList(share, model), (BODIES["strip"][1] / 2.0 - 2.6 * case.length) / case.length
     x = np.ascontiguousarray(model.points.x.reshape(-1, 3, 4).swapaxes(1, 2)).reshape(-1, 3)
-    energy, plane = 0.0, -discretization.units.origin[0] / case.length
+    energy, plane = 0.0, -share.units.origin[0] / case.length
     for ends, vector, square, stored in zip(bonds.ends, bonds.vector, bonds.square, bonds.stored, strict=True):
         start, stop = x[ends[:, 0]], x[ends[:, 1]]
         across = (start[:, 0] - plane) * (stop[:, 0] - plane) < 0.0
         part = (plane - start[across, 0]) / vector[across, 0]
-        y = start[across, 1] + part * vector[across, 1] + discretization.units.origin[1] / case.length
+        y = start[across, 1] + part * vector[across, 1] + share.units.origin[1] / case.length
         near = np.abs(y) < half
         energy += float((0.5 * stored[across] * square[across] ** 2)[near].sum())
     height = THICKNESS / case.length / (2.0 if case.mirrored else 1.0)

@@ -76,8 +76,8 @@ def draw_residual(path):
     figure, axes = plt.subplots(1, 3, figsize=(9.6, 2.5), layout="constrained", sharey=True)
     for axis, correction in zip(axes, ("appendix_a", "virial", "fitted"), strict=True):
         assembled = body(correction)
-        model, d = assembled.model, assembled.discretization
-        areas, _ = internals.fit.compatible_areas(d, internals.find_boundary(d.mesh, d.nodes, d.body))
+        model, d = assembled.model, assembled.share
+        areas, _, _ = d.boundaries.areas_and_slack(False)
         goal = internals.equations.targets(areas[model.subdomain.free].reshape(-1, 3))
         operator = internals.Operator(model.comm, model.points, model.bonds, np.ones(1))
         miss = np.abs(goal - operator.moments(np.zeros_like(goal), False)).max(axis=1).reshape(-1)
@@ -103,10 +103,10 @@ def draw_bar(path):
     ):
         scene = internals.read_deck(JOBS / name, BAR)
         found = internals.assemble(scene)
-        solve = internals.make_solver(scene, found.discretization, found.forces, found.load, lambda text: None)
+        solve = internals.make_solver(scene, found.share, found.forces, found.load, lambda text: None)
         (row,) = internals.follow_load_program(scene, solve, None, found.state, found.load)
-        fields = internals.gather_fields(found.discretization, found.forces, found.state.u)
-        bar = internals.measure_bar(scene, found.discretization, fields, scene.probes[0], row.load_factor)
+        fields = internals.gather_fields(found.share, found.forces, found.state.u)
+        bar = internals.measure_bar(scene, found.geometry, fields, scene.probes[0], row.load_factor)
         error = 100.0 * (bar.displacement - bar.exact) / bar.exact.max()
         axes.plot(bar.coordinate, error, ".-", color=colour, label=label)
     axes.axvline(0.0, color="0.7", lw=0.8)

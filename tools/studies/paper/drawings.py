@@ -11,7 +11,8 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from tools.studies.internals import CURVES, STYLE, discretize, read_deck
+from tools.studies import internals
+from tools.studies.internals import CURVES, STYLE, read_deck
 from tools.studies.series import JOBS
 
 DPI, LAYOUT = 110, "constrained"
@@ -128,7 +129,7 @@ def bond_law(path: Path, stretch: np.ndarray, force: np.ndarray, limit: float) -
 def _cells(panel, deck: str, overrides: Sequence[str], axes=(0, 1), linewidth=0.3) -> None:
     """The cells of a deck's mesh on one side of it, filled by what describes them."""
     scene = read_deck(JOBS / deck, overrides)
-    made = discretize(scene)
+    made = internals.share_of(scene, internals.mpi().COMM_SELF)
     mesh = made.mesh
     across = 3 - sum(axes)
     front = np.flatnonzero(mesh.centroids[:, across] > mesh.upper[across] - 0.75 * scene.mesh.spacing)

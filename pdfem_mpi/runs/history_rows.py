@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pdfem_mpi.body.discretization import ModelUnits
+from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.stepping import Report
 
 HISTORY = (

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdfem_mpi.results.summary import write_summary
+from pdfem_mpi.results.summary_file import write_summary
 
 
 def refuse(constant):

@@ -47,7 +47,7 @@ def sealed(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return plain | {"sha256": _digest(plain)}
 
 
-def look_at_summary(folder: Path) -> tuple[str | None, list[str]]:
+def check_summary(folder: Path) -> tuple[str | None, list[str]]:
     """The status that a run folder's summary tells, and what is wrong with it or with the files that it names.
 
     Returns

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pdfem_mpi.results.cursor import find_damage
-from pdfem_mpi.results.summary import look_at_summary
+from pdfem_mpi.results.summary_file import check_summary
 from pdfem_mpi.runs.identity import differences, free_changes
 from pdfem_mpi.system.exit_codes import EXIT_NO_CHECKPOINT, EXIT_USAGE
 from pdfem_mpi.system.signals import Requests
@@ -122,7 +122,7 @@ def choose_start(out: Path, resume: str, overwrite: bool) -> RestartPoint:
     if named:
         return _start_from(out, Path(resume))
     found = list_checkpoints(out / FOLDER)
-    status, notes = look_at_summary(out)
+    status, notes = check_summary(out)
     if (resume == NEVER and (status or found)) or (resume == AUTO and (status == "finished" or (status and not found))):
         raise Refused(
             EXIT_USAGE,
@@ -160,7 +160,7 @@ def _start_from(out: Path, path: Path) -> RestartPoint:
     if path.parent.resolve() == (out / FOLDER).resolve():
         newer = [p for _, p in list_checkpoints(out / FOLDER) if p.name > path.name]
         return RestartPoint(path, header, [(p, "superseded") for p in newer])
-    if look_at_summary(out)[0] or list_checkpoints(out / FOLDER):
+    if check_summary(out)[0] or list_checkpoints(out / FOLDER):
         raise Refused(EXIT_USAGE, f"the folder {out} already holds a run. Use another folder with --out.")
     notes = ["results begin at this checkpoint: it is of another folder"]
     return RestartPoint(path, {**header, "results": {}}, notes=notes)
@@ -187,8 +187,8 @@ def compare(start: RestartPoint, keys: dict[str, Any], force: bool) -> list[str]
         With every key that differs.
     """
     header = start.header
-    refused, told = differences(header["keys"], keys, header["state"]["step"])
-    start.changed = bool(refused or told)
+    refused, changes = differences(header["keys"], keys, header["state"]["step"])
+    start.changed = bool(refused or changes)
     start.other_fields = any(header["keys"].get(key) != keys[key] for key in ("output.fields", "output.damage"))
     if refused and not force:
         raise Refused(
@@ -196,10 +196,10 @@ def compare(start: RestartPoint, keys: dict[str, Any], force: bool) -> list[str]
             f"{start.path}: written for another scene: {'; '.join(refused)}. Restore these keys, or choose a new "
             "folder with --out.",
         )
-    told += free_changes(header["keys"], keys)
+    changes += free_changes(header["keys"], keys)
     now = environment()
     for what in ("versions", "cpu", "code_sha256"):
         if header[what] != now[what]:
             name = {"versions": "packages", "cpu": "CPU", "code_sha256": "version of pdfem_mpi's source"}[what]
-            told.append(f"it was written with another {name}: equal bits are promised for the same only")
-    return [f"forced: {key}" for key in refused] + told
+            changes.append(f"it was written with another {name}: equal bits are promised for the same only")
+    return [f"forced: {key}" for key in refused] + changes

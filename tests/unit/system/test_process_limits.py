@@ -15,8 +15,9 @@ from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.layers import cells_near_face
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs import memory_estimate as memory
-from pdfem_mpi.system import limits
-from pdfem_mpi.system.limits import Limit, group_limit, own_limit, shared_memory_problem
+from pdfem_mpi.system import process_limits
+from pdfem_mpi.system.process_limits import Limit, group_limit, own_limit, shared_memory_problem
+from support.bodies import local_share
 from support.helpers import outside_launcher, run_pdfem, run_python
 from support.restarts import alone, often
 from support.tiny import TINY
@@ -176,7 +177,7 @@ def test_any_number_of_a_deck_in_the_extreme_is_a_scene_or_refused(value):
         try:
             scene = parse_deck(text, "deck")
             memory.check_mesh(scene, int(np.prod(scene.mesh.n_cells)), mpi().COMM_SELF)
-            memory.check_model(scene, discretize(scene), mpi().COMM_SELF)
+            memory.check_model(scene, local_share(scene), mpi().COMM_SELF)
         except SceneError as error:
             assert error.messages, number
         assert time.process_time() - begun < SECONDS, number
@@ -237,7 +238,7 @@ def test_a_container_whose_group_is_the_root_is_seen(tmp_path):
 def test_limits_of_a_process_are_what_is_left_of_them():
     """In a child: a limit of 3 GiB, of which its own pages are taken."""
     code = (
-        "import resource; from pdfem_mpi.system.limits import own_limit; assert own_limit() is None;"
+        "import resource; from pdfem_mpi.system.process_limits import own_limit; assert own_limit() is None;"
         "resource.setrlimit(resource.RLIMIT_AS, (3 * 2**30, -1)); found = own_limit();"
         "assert 2.5 * 2**30 < found.bytes < 3 * 2**30 and 'ulimit -v' in found.what"
     )
@@ -278,7 +279,7 @@ class Room:
 )  # fmt: skip
 def test_shared_memory_for_so_many_ranks(monkeypatch, ranks, size, free, started, enough):
     """Sizes at which MPICH ended in a bus error or a segmentation fault are refused, those of containers are not."""
-    monkeypatch.setattr(limits.os, "statvfs", lambda folder: Room(size, free))
+    monkeypatch.setattr(process_limits.os, "statvfs", lambda folder: Room(size, free))
     problem = shared_memory_problem(ranks, started)
     assert (problem is None) == enough
     assert enough or ("MiB there. Make it larger (docker run --shm-size=1g" in problem)

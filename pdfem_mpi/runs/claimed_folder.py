@@ -1,4 +1,4 @@
-"""A start takes its run folder: whether it may work there, where it begins, and a first word of it for later ones."""
+"""A run folder that this start has claimed: the lock, where the run begins, and the record of this start."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.deck.toml import read_deck, write_deck
 from pdfem_mpi.results.ownership import DECK, Written, free_name, refuse_deck, refuse_folder
 from pdfem_mpi.results.starts import Starts
-from pdfem_mpi.runs.start import Refused, RunOptions, choose_start
+from pdfem_mpi.runs.restart_point import Refused, RunOptions, choose_start
 from pdfem_mpi.system.exit_codes import EXIT_NOT_WRITTEN, EXIT_USAGE
 from pdfem_mpi.system.files import replacing
 from pdfem_mpi.system.lock import Lock, Locked
 
 
-class Entry:
-    """A run folder in the hands of this start. On rank 0 alone.
+class ClaimedFolder:
+    """A run folder that this start has locked. On rank 0 alone.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class Entry:
     deck_text : str
         The deck as it is run.
     overwrite : bool
-    ways : RunOptions
+    options : RunOptions
     ranks : int
     started : float
         Time of ``perf_counter`` at which this start began.
@@ -49,31 +49,31 @@ class Entry:
         The folder cannot be written.
     """
 
-    def __init__(self, out: Path, deck_text: str, overwrite: bool, ways: RunOptions, ranks: int, started: float):
+    def __init__(self, out: Path, deck_text: str, overwrite: bool, options: RunOptions, ranks: int, started: float):
         self.out, self.deck_text, self._started = out, deck_text, started
-        if refusal := refuse_folder(out) or self._refuse_deck(ways.deck):
+        if refusal := refuse_folder(out) or self._refuse_deck(options.deck):
             raise Refused(EXIT_USAGE, refusal)
         self._made = [path for path in (out, *out.parents) if not path.exists()]
-        self._new_deck = self._settled = False
+        self._new_deck = self._committed = False
         out.mkdir(parents=True, exist_ok=True)
         self.written = Written(out)
         try:
-            self._lock = Lock(out, os.environ.get("SLURM_JOB_ID", ""), ways.steal_lock)
+            self._lock = Lock(out, os.environ.get("SLURM_JOB_ID", ""), options.steal_lock)
         except Locked as error:
             self._remove_made()
             raise Refused(EXIT_NOT_WRITTEN, str(error)) from None
         try:
-            self.start = choose_start(out, ways.resume, overwrite)
+            self.start = choose_start(out, options.resume, overwrite)
             if self._lock.note:
                 self.start.notes.insert(0, self._lock.note)
-            self._leave_word(overwrite, ranks)
+            self._note_beginning(overwrite, ranks)
         except (Refused, OSError):
-            self.leave()
+            self.release()
             raise
-        ways.requests.clean_up += [self._lock.release, lambda: self.end(None)]
+        options.requests.clean_up += [self._lock.release, lambda: self.end(None)]
 
-    def _leave_word(self, overwrite: bool, ranks: int) -> None:
-        """Leave a first word of this start: one that is stopped or killed from now on is known."""
+    def _note_beginning(self, overwrite: bool, ranks: int) -> None:
+        """Record that this start has begun, so that later ones know of it even if it is killed."""
         start, header = self.start, self.start.header
         self.starts = Starts(self.out, overwrite, (header.get("seconds", 0.0), header.get("restarts", [])))
         restart = None
@@ -94,25 +94,25 @@ class Entry:
             self._new_deck = True
             self.write_deck()
 
-    def settle(self) -> None:
-        """The run goes into its folder: from now on this start has happened, whatever becomes of it."""
-        self._settled = True
-        self.starts.settle()
+    def commit(self) -> None:
+        """The run begins to write into its folder: from now on this start counts, however it ends."""
+        self._committed = True
+        self.starts.commit()
         self.write_deck()
 
-    def take_back(self) -> None:
-        """Remove the first word of a start that was refused after all."""
-        if self._settled:
+    def withdraw(self) -> None:
+        """Remove the record of a start that was refused after all."""
+        if self._committed:
             self.end(None)
             return
-        self.starts.take_back()
+        self.starts.withdraw()
         if self._new_deck:
             with suppress(OSError):
                 (self.out / DECK).unlink()
         self.written.forget()
 
-    def leave(self) -> None:
-        """Let others have the folder; one that was made for a run that was refused goes."""
+    def release(self) -> None:
+        """Unlock the folder, and remove it if it was made for a run that was refused."""
         self._lock.release()
         self._remove_made()
 
@@ -122,7 +122,7 @@ class Entry:
                 path.rmdir()
 
     def end(self, code: int | None, did_nothing: bool = False) -> float:
-        """Note that this start ends, without a code in the middle; return its seconds."""
+        """Record that this start ends, without a code if it was cut short; return its seconds."""
         seconds = perf_counter() - self._started
         self.starts.end(seconds, code, did_nothing, self.start.notes)
         return seconds

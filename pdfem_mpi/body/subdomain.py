@@ -1,0 +1,205 @@
+"""Which cells and nodes of the whole body a rank owns, and which it sees as ghosts.
+
+The unit of the partition is the cell: its points and its element live on one rank. A node belongs to the owner of
+its lowest-numbered cell. Ghost cells are those within the cutoff radius of an owned cell, ghost nodes those of
+owned elements and overlap cells that another rank owns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.kernels.hex8 import gauss_positions
+from pdfem_mpi.mesh.hexmesh import HexMesh
+from pdfem_mpi.parallel.bisection import bisect
+
+#: Cost of a bond sweep over the neighbour cells of a peridynamic cell, per neighbour, and of one element; units of ns.
+NEIGHBOUR_COST, ELEMENT_COST = 40, 60
+
+
+@dataclass(frozen=True)
+class Subdomain:
+    """Cells and nodes of one rank, by their numbers in the mesh; in a `Share`, by their places among its own.
+
+    Attributes
+    ----------
+    free, overlap, ghosts : int64
+        Owned cells with free points, owned overlap cells, ghost cells with points. Points are stored in this order.
+    ghost_owner : int32, shape (n_ghosts,)
+    images : int64
+        Owned cells and ghosts whose mirror images lie within the cutoff radius; a cell may have several.
+    reflection : int64, shape (n_images,)
+        Number, from 1, of the reflection among those of the body.
+    elements : int64
+        Owned cells whose elements have an internal force.
+    owned_nodes, ghost_nodes : int64
+        Nodes that carry unknowns, owned ones first wherever nodes are stored.
+    ghost_node_owner : int32
+    """
+
+    free: np.ndarray
+    overlap: np.ndarray
+    ghosts: np.ndarray
+    ghost_owner: np.ndarray
+    images: np.ndarray
+    reflection: np.ndarray
+    elements: np.ndarray
+    owned_nodes: np.ndarray
+    ghost_nodes: np.ndarray
+    ghost_node_owner: np.ndarray
+
+    @property
+    def point_cells(self) -> np.ndarray:
+        """Cell of each local cell with points, in the order they are stored in; int64."""
+        return np.concatenate([self.free, self.overlap, self.ghosts, self.images])
+
+
+def partition(discretization: Discretization, n_parts: int) -> np.ndarray:
+    """Owner of every cell of the mesh: recursive bisection, cells weighted by the cost of a force evaluation.
+
+    Returns
+    -------
+    int32, shape (n_cells,)
+
+    Raises
+    ------
+    SceneError
+        More parts than cells.
+    """
+    n_cells = len(discretization.mesh.cells)
+    if n_parts > n_cells:
+        raise SceneError(
+            [f"{n_parts} ranks cannot share {n_cells} cells. Use at most {n_cells} ranks, or a finer mesh."]
+        )
+    centroids = (discretization.mesh.centroids - discretization.units.origin) / discretization.units.length
+    weights = np.zeros(n_cells, np.int64)
+    weights[discretization.has_nodes] += ELEMENT_COST
+    if discretization.has_points.any() and n_parts > 1:
+        chosen = centroids[discretization.has_points]
+        _, _, images = near_images(discretization, chosen, chosen)
+        tree = cKDTree(np.concatenate([chosen, images]))
+        counts = tree.query_ball_point(chosen, discretization.cutoff, return_length=True)
+        weights[discretization.has_points] += NEIGHBOUR_COST * counts.astype(np.int64)
+    return bisect(centroids, weights, n_parts)
+
+
+def cut_out(discretization: Discretization, owner: np.ndarray, rank: int) -> Subdomain:
+    """The share of one rank."""
+    mesh = discretization.mesh
+    mine = owner == rank
+    order = locality_order(mesh)
+    free = order[(mine & discretization.has_points & ~discretization.is_overlap)[order]]
+    overlap = order[(mine & discretization.is_overlap)[order]]
+    ghosts = _ghost_cells(discretization, owner, rank, order)
+    images, reflection = _image_cells(discretization, np.concatenate([free, overlap]), ghosts)
+
+    owner_of_node = node_owners(mesh, discretization.has_nodes, owner)
+    owned_nodes, ghost_nodes = split_nodes(mesh, owner_of_node, mine & discretization.has_nodes, rank)
+    return Subdomain(
+        free=free,
+        overlap=overlap,
+        ghosts=ghosts,
+        ghost_owner=owner[ghosts],
+        images=images,
+        reflection=reflection,
+        elements=order[(mine & discretization.has_stiffness)[order]],
+        owned_nodes=owned_nodes,
+        ghost_nodes=ghost_nodes,
+        ghost_node_owner=owner_of_node[ghost_nodes],
+    )
+
+
+def node_owners(mesh: HexMesh, carries: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """Owner of each node of the cells that carry nodes: that of the lowest of its cells; -1 for other nodes.
+
+    Parameters
+    ----------
+    carries : bool, shape (n_cells,)
+    owner : int32, shape (n_cells,)
+    """
+    found = np.full(len(mesh.nodes), -1, np.int32)
+    carriers = np.flatnonzero(carries)[::-1]
+    found[mesh.cells[carriers]] = owner[carriers, None]  # the last assignment stays: the lowest cell's
+    return found
+
+
+def split_nodes(mesh: HexMesh, owner_of_node: np.ndarray, cells: np.ndarray, rank: int) -> tuple[np.ndarray, ...]:
+    """Nodes that a rank owns, and those of its cells, bool (n_cells,), that others own; int64."""
+    touched = np.zeros(len(mesh.nodes), bool)
+    touched[mesh.cells[cells]] = True
+    return np.flatnonzero(owner_of_node == rank), np.flatnonzero(touched & (owner_of_node != rank))
+
+
+def locality_order(mesh: HexMesh) -> np.ndarray:
+    """Cells in layers across the longest axis, then across the second longest: neighbours stay near in memory."""
+    layer = np.floor((mesh.centroids - mesh.lower) / mesh.mean_edge * (1 + 1e-9)).astype(np.int64)
+    short, middle, long = np.argsort(mesh.upper - mesh.lower, kind="stable")
+    return np.lexsort((np.arange(len(layer)), layer[:, short], layer[:, middle], layer[:, long]))
+
+
+def _ghost_cells(discretization, owner, rank, order) -> np.ndarray:
+    """Cells of other ranks with a point within the cutoff radius of an owned point, or nearly so."""
+    has_points = discretization.has_points
+    mine = np.flatnonzero(has_points & (owner == rank))
+    others = np.flatnonzero(has_points & (owner != rank))
+    if not len(mine) or not len(others):
+        return np.empty(0, np.int64)
+    centre, radius = _cell_balls(discretization)
+    tree = cKDTree(centre[mine])
+    distance, _ = tree.query(centre[others], distance_upper_bound=discretization.cutoff + 2.0 * radius.max())
+    near = others[np.isfinite(distance)]
+    # the nearest centre need not be the nearest cell when sizes differ: compare with the largest owned radius
+    keep = distance[np.isfinite(distance)] <= discretization.cutoff + radius[near] + radius[mine].max()
+    chosen = np.zeros(len(owner), bool)
+    chosen[near[keep]] = True
+    return order[chosen[order]]
+
+
+def _image_cells(discretization, owned, ghosts) -> tuple[np.ndarray, np.ndarray]:
+    """Cells with a mirror image within the cutoff radius of an owned cell, or nearly so, and the reflections."""
+    if not discretization.mirrors or not len(owned):
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    centre, radius = _cell_balls(discretization)
+    cells = np.concatenate([owned, ghosts])
+    near, reflection, images = near_images(discretization, centre[cells], centre[owned], 2.0 * radius.max())
+    distance, _ = cKDTree(centre[owned]).query(images)
+    keep = distance <= discretization.cutoff + radius[cells[near]] + radius[owned].max()
+    return cells[near][keep], reflection[keep]
+
+
+def near_images(discretization, x, target, margin=0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mirror images of positions within the cutoff radius and a margin of the box around others; model units.
+
+    Parameters
+    ----------
+    x, target : float64, shapes (n, 3), (m, 3), dimension length
+    margin : float, dimension length
+
+    Returns
+    -------
+    index : int64, shape (n_images,)
+        Of the positions; reflection by reflection, each in the positions' order.
+    reflection : int64, shape (n_images,)
+        Number, from 1.
+    image : float64, shape (n_images, 3), dimension length
+    """
+    reach = discretization.cutoff + margin
+    low, high = target.min(axis=0) - reach, target.max(axis=0) + reach
+    found = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3)))]
+    for number, (sign, shift) in enumerate(zip(*discretization.reflections, strict=True), start=1):
+        image = sign * x + shift
+        index = np.flatnonzero(((image >= low) & (image <= high)).all(axis=1))
+        found.append((index, np.full(len(index), number), image[index]))
+    return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
+
+
+def _cell_balls(discretization) -> tuple[np.ndarray, np.ndarray]:
+    """Centre and radius of a ball around the Gauss points of each cell, model units."""
+    points = gauss_positions(discretization.nodes[discretization.mesh.cells])
+    centre = 0.5 * (points.min(axis=1) + points.max(axis=1))
+    return centre, np.sqrt(((points - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
