@@ -20,8 +20,8 @@ SAFETY = 0.9
 SMALL_STRAIN = 1e-6
 #: Finite kinematics: the largest stretch is brought this near to critical, in at most so many equilibria.
 BRACKET, MOST_EQUILIBRIA = 1e-6, 30
-#: The same for linear kinematics beside constant loads, and the relative residual of these equilibria.
-LINEAR_BRACKET, LINEAR_TOLERANCE = 1e-9, 1e-10
+#: The same for linear kinematics beside constant loads, and the largest relative residual of these equilibria.
+LINEAR_BRACKET, LINEAR_TOLERANCE = 1e-9, 1e-8
 
 
 def find_rest(ledger: Ledger) -> bool:
@@ -68,7 +68,10 @@ def bracket(ledger: Ledger, ratio: float, limit: float) -> None:
     known: list[tuple[float, float]] = []  # loads and ratios of equilibria; the state to begin with is loose
     low, high = 0.0, math.inf
     target = state.load_factor / ratio
-    near, tolerance = (BRACKET, solver) if ledger.finite else (LINEAR_BRACKET, min(solver, LINEAR_TOLERANCE))
+    near, tolerance = BRACKET, solver
+    if not ledger.finite:  # as near as the residual lets it be seen
+        tolerance = min(solver, LINEAR_TOLERANCE)
+        near = max(LINEAR_BRACKET, tolerance)
     for _ in range(MOST_EQUILIBRIA):
         target = min(target, limit)
         np.multiply(state.u, target / state.load_factor, out=state.u)
