@@ -12,8 +12,10 @@ subtraction.
 from __future__ import annotations
 
 import hashlib
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,13 +25,17 @@ from pdfem_mpi.body.meshing import check_folded, describe_folded, make_mesh
 from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.body.overlap import check_cracks, check_joints, check_overlap_materials, find_overlap
 from pdfem_mpi.body.regions import assign_regions
-from pdfem_mpi.deck.materials import PERIDYNAMIC_POISSONS_RATIO
 from pdfem_mpi.deck.meshes import FileMesh, PlateWithHoleMesh
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors, mirrors_at
 from pdfem_mpi.mesh.quality import Quality, folded_cells, measure
+from pdfem_mpi.parallel.comm import largest, report_progress, sum_integers
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,8 @@ class Discretization:
         Guarded cutoff radius in model units; 0 without peridynamics.
     mirrors : Mirrors
         Mirror planes in model units.
+    has_cycle : bool
+        Equilibria are found by conjugate gradients, whose preconditioner works on every cell.
     """
 
     mesh: HexMesh
@@ -85,6 +93,7 @@ class Discretization:
     carries: np.ndarray
     cutoff: float
     mirrors: Mirrors
+    has_cycle: bool = False
 
     @property
     def n_point_cells(self) -> int:
@@ -160,31 +169,34 @@ class Discretization:
         return self.has_stiffness | self.is_overlap
 
 
-def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
+def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None = None) -> Discretization:
     """Decide what every cell of the scene's mesh carries.
 
     Parameters
     ----------
     mesh : HexMesh, optional
         What `make_mesh` gave; made here, if not given.
+    comm : Intracomm, optional
+        Ranks that share the work; collective then.
 
     Raises
     ------
     SceneError
         Cells inside out, regions that overlap or leave cells out, an empty region, an overlap that does not fit or
-        whose material cannot have bonds, bodies that cannot be fitted.
+        where two Poisson's ratios meet, bodies that cannot be fitted.
     """
     mesh = make_mesh(scene) if mesh is None else mesh
-    quality = measure(mesh)
+    quality = _measure(mesh, comm)
+    report_progress()
     region = assign_regions(scene, mesh)
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
     materials = material_table(scene)
     material = np.array([materials.names.index(r.material) for r in scene.regions], np.int16)[region]
     bodies = _find_bodies(scene, mesh, peridynamic, materials, material)
     is_overlap, has_points = bodies.is_overlap, bodies.number >= 0
+    report_progress()
     check_folded(mesh, quality, has_points)
-    cannot_bond = materials.poissons_ratio != PERIDYNAMIC_POISSONS_RATIO
-    check_overlap_materials(scene, mesh, region, is_overlap & cannot_bond[material])
+    check_overlap_materials(scene, mesh, region, materials.poissons_ratio[material], is_overlap, has_points)
     keeps_both = scene.coupling.kind == "paper_a"
     has_stiffness = ~peridynamic & (keeps_both | ~is_overlap)
 
@@ -214,7 +226,23 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         carries=carries,
         cutoff=cutoff,
         mirrors=mirrors_at(scene.mesh.symmetry, *(np.array([mesh.lower, mesh.upper]) - units.origin) / length),
+        has_cycle=scene.has_cycle,
     )
+
+
+def _measure(mesh: HexMesh, comm: Intracomm | None) -> Quality:
+    """Quality of all cells, each rank measuring a block of them; errors are those of the whole mesh."""
+    if comm is None or comm.size == 1:
+        return measure(mesh)
+    n, found = len(mesh.cells), None
+    with suppress(SceneError):
+        found = measure(HexMesh(mesh.nodes, mesh.cells[n * comm.rank // comm.size : n * (comm.rank + 1) // comm.size]))
+    if sum_integers(comm, np.array([found is None]))[0]:
+        return measure(mesh)
+    low = largest(comm, -np.array([found.shortest_edge, found.smallest_scaled_jacobian, found.smallest_gauss_volume]))
+    (longest,) = largest(comm, np.array([found.longest_edge])).tolist()
+    shortest, jacobian, volume = (-low).tolist()
+    return Quality(shortest, longest, jacobian, volume)
 
 
 def _find_bodies(

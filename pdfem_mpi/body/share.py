@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pdfem_mpi.body.boundaries import Boundaries
+from pdfem_mpi.body.counts import Counts, count
 from pdfem_mpi.body.discretization import Discretization, discretize
 from pdfem_mpi.body.locating import Weights
 from pdfem_mpi.body.materials import MaterialTable
@@ -23,7 +24,15 @@ from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.body.overlap import describe_cracked_overlap
 from pdfem_mpi.body.probing import place_probes
 from pdfem_mpi.body.selection import Selections, select_places
-from pdfem_mpi.body.subdomain import Subdomain, cut_out, locality_order, node_owners, partition, split_nodes
+from pdfem_mpi.body.subdomain import (
+    Subdomain,
+    count_neighbours,
+    cut_out,
+    locality_order,
+    node_owners,
+    partition,
+    split_nodes,
+)
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors
@@ -37,21 +46,6 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Counts:
-    """Sizes of the whole body: all cells, cells with points, with free points, elements, overlap; nodes in use."""
-
-    cells: int
-    point_cells: int
-    free_cells: int
-    elements: int
-    overlap_cells: int
-    node_cells: int
-    nodes: int
-    mesh_nodes: int
-    bodies: int
-
-
-@dataclass(frozen=True)
 class Share:
     """What a rank knows of the body. Rows of arrays are the cells and nodes of ``mesh``, which has their numbers.
 
@@ -61,20 +55,18 @@ class Share:
     mesh : MeshPart
         In the deck's units.
     subdomain : Subdomain
-        Which cells and nodes the rank owns; places among those of the share.
+        Of places among the share's cells and nodes.
     cell_owner : int32, shape (n_cells,)
-    units : ModelUnits
+    units, materials : ModelUnits, MaterialTable
     nodes : float64, shape (n_nodes, 3)
-        Node positions in model units.
     lower, upper : float64, shape (3,)
-        Corners of the whole body's box, model units.
+        Positions in model units, and corners of the whole body's box.
     region, material : int16, shape (n_cells,)
-    materials : MaterialTable
     is_peridynamic, has_points, is_overlap, has_stiffness : bool, shape (n_cells,)
         As in `Discretization`.
     body : int32, shape (n_cells,)
-    point_row : int64, shape (n_cells,)
-        Number of a cell among the cells with points of the whole body, by which result files are ordered; else -1.
+    point_row, element_row : int64, shape (n_cells,)
+        Number of a cell among those with points, or with nodes, of the whole body, as in result files; else -1.
     free_row : int64, shape (n_cells,)
         The same among the cells with free points, by which checkpoints are ordered.
     node_row : int64, shape (n_nodes,)
@@ -99,7 +91,7 @@ class Share:
     probes : dict of Weights
         What the columns of probes read, by their names; numbers of cells and nodes are the mesh's.
     selections : Selections
-        Where the deck's loads and supports act.
+        Where the deck's loads and supports act, and what its probes of sets read.
     boundaries : Boundaries or None
         What the fit of bond factors asks of the body, where the deck wants one.
     """
@@ -122,6 +114,7 @@ class Share:
     body: np.ndarray
     point_row: np.ndarray
     free_row: np.ndarray
+    element_row: np.ndarray
     node_row: np.ndarray
     cutoff: float
     mirrors: Mirrors
@@ -208,8 +201,8 @@ class Share:
 
 
 def share_of(scene: Scene, comm: Intracomm, mesh: HexMesh | None = None) -> Share:
-    """This rank's share of a scene's body; see `discretize` for the mesh and for errors. Collective."""
-    return make_share(scene, discretize(scene, mesh), comm)
+    """This rank's share of a scene's body; see `discretize`. Collective."""
+    return make_share(scene, discretize(scene, mesh, comm), comm)
 
 
 def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
@@ -220,7 +213,7 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
     SceneError
         More ranks than cells.
     """
-    owner = partition(whole, comm.size)
+    owner = partition(whole, comm.size, count_neighbours(whole, comm))
     numbers = cut_out(whole, owner, comm.rank)
     seen = whole.mesh.neighbours(owner == comm.rank)
     seen[numbers.ghosts] = True
@@ -252,11 +245,12 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
         body=of_cells(whole.body),
         point_row=of_cells(whole.point_row),
         free_row=of_cells(whole.free_row),
+        element_row=of_cells(np.where(whole.has_nodes, np.cumsum(whole.has_nodes) - 1, -1)),
         node_row=of_nodes(whole.node_row),
         cutoff=whole.cutoff,
         mirrors=whole.mirrors,
         reflections=whole.reflections,
-        counts=_count(whole),
+        counts=count(whole),
         typical_edge=_typical_edge(whole),
         joint_regions=np.unique(whole.region[whole.is_peridynamic & whole.is_overlap]),
         overlap_regions=np.unique(whole.region[whole.is_overlap]),
@@ -277,20 +271,6 @@ def _by_places(numbers: Subdomain, mesh: MeshPart) -> Subdomain:
              ("free", "overlap", "ghosts", "images", "elements")}  # fmt: skip
     nodes = {name: mesh.places_of_nodes(getattr(numbers, name)) for name in ("owned_nodes", "ghost_nodes")}
     return replace(numbers, **cells, **nodes)
-
-
-def _count(whole: Discretization) -> Counts:
-    return Counts(
-        cells=len(whole.mesh.cells),
-        point_cells=whole.n_point_cells,
-        free_cells=int(np.count_nonzero(whole.has_points & ~whole.is_overlap)),
-        elements=int(np.count_nonzero(whole.has_stiffness)),
-        overlap_cells=int(np.count_nonzero(whole.is_overlap)),
-        node_cells=int(np.count_nonzero(whole.has_nodes)),
-        nodes=whole.n_nodes,
-        mesh_nodes=len(whole.mesh.nodes),
-        bodies=whole.n_bodies,
-    )
 
 
 def _typical_edge(whole: Discretization) -> float:

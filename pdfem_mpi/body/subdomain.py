@@ -8,18 +8,30 @@ owned elements and overlap cells that another rank owns.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.kernels.exact_sums import MOST_RANKS
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.parallel.bisection import bisect
+from pdfem_mpi.parallel.comm import report_progress, sum_integers
 
-#: Cost of a bond sweep over the neighbour cells of a peridynamic cell, per neighbour, and of one element; units of ns.
-NEIGHBOUR_COST, ELEMENT_COST = 40, 60
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+#: Cost of a bond sweep over the neighbour cells of a peridynamic cell, per neighbour, of one element, and of any cell
+#: in the cycle of conjugate gradients' preconditioner; units of ns.
+NEIGHBOUR_COST, ELEMENT_COST, CYCLE_COST = 40, 60, 280
+#: Distance of two centroids beyond that of the two balls around their cells' Gauss points, and the balls' radii, in
+#: longest edges, at most: two nodes of a cell are three edges apart or less.
+WIDEST_BALLS = 12.0
+#: Cells between two beats of this rank: it is at work, and says so.
+BATCH = 65536
 
 
 @dataclass(frozen=True)
@@ -59,8 +71,36 @@ class Subdomain:
         return np.concatenate([self.free, self.overlap, self.ghosts, self.images])
 
 
-def partition(discretization: Discretization, n_parts: int) -> np.ndarray:
+def count_neighbours(discretization: Discretization, comm: Intracomm) -> np.ndarray | None:
+    """Neighbours of all cells with points, each rank counting those of a block; None on one rank. Collective."""
+    return None if comm.size == 1 else sum_integers(comm, _neighbours(discretization, comm.rank, comm.size))
+
+
+def _neighbours(discretization: Discretization, block: int = 0, n_blocks: int = 1) -> np.ndarray:
+    """Cells with points, and images of them, within the cutoff radius of each cell with points, centre to centre.
+
+    int64, shape (n_point_cells,); 0 outside of the block.
+    """
+    chosen = _centroids(discretization)[discretization.has_points]
+    counts = np.zeros(len(chosen), np.int64)
+    if len(chosen):
+        _, _, images = near_images(discretization, chosen, chosen)
+        tree = cKDTree(np.concatenate([chosen, images]))
+        first, last = (len(chosen) * k // n_blocks for k in (block, block + 1))
+        for start in range(first, last, BATCH):
+            part = slice(start, min(start + BATCH, last))
+            counts[part] = tree.query_ball_point(chosen[part], discretization.cutoff, return_length=True)
+            report_progress()
+    return counts
+
+
+def partition(discretization: Discretization, n_parts: int, neighbours: np.ndarray | None = None) -> np.ndarray:
     """Owner of every cell of the mesh: recursive bisection, cells weighted by the cost of a force evaluation.
+
+    Parameters
+    ----------
+    neighbours : int64, shape (n_point_cells,), optional
+        What `count_neighbours` finds; counted here, if not given.
 
     Returns
     -------
@@ -69,23 +109,28 @@ def partition(discretization: Discretization, n_parts: int) -> np.ndarray:
     Raises
     ------
     SceneError
-        More parts than cells.
+        More parts than cells, or than sums are exact for.
     """
+    if n_parts > MOST_RANKS:
+        raise SceneError(
+            [f"{n_parts} ranks are more than {MOST_RANKS:,}, up to which sums over ranks are exact. Use fewer."]
+        )
     n_cells = len(discretization.mesh.cells)
     if n_parts > n_cells:
         raise SceneError(
             [f"{n_parts} ranks cannot share {n_cells} cells. Use at most {n_cells} ranks, or a finer mesh."]
         )
-    centroids = (discretization.mesh.centroids - discretization.units.origin) / discretization.units.length
-    weights = np.zeros(n_cells, np.int64)
+    weights = np.full(n_cells, CYCLE_COST if discretization.has_cycle else 0, np.int64)
     weights[discretization.has_nodes] += ELEMENT_COST
-    if discretization.has_points.any() and n_parts > 1:
-        chosen = centroids[discretization.has_points]
-        _, _, images = near_images(discretization, chosen, chosen)
-        tree = cKDTree(np.concatenate([chosen, images]))
-        counts = tree.query_ball_point(chosen, discretization.cutoff, return_length=True)
-        weights[discretization.has_points] += NEIGHBOUR_COST * counts.astype(np.int64)
-    return bisect(centroids, weights, n_parts)
+    if n_parts > 1:
+        counts = _neighbours(discretization) if neighbours is None else neighbours
+        weights[discretization.has_points] += NEIGHBOUR_COST * counts
+    return bisect(_centroids(discretization), weights, n_parts)
+
+
+def _centroids(discretization: Discretization) -> np.ndarray:
+    """Of all cells, model units."""
+    return (discretization.mesh.centroids - discretization.units.origin) / discretization.units.length
 
 
 def cut_out(discretization: Discretization, owner: np.ndarray, rank: int) -> Subdomain:
@@ -149,26 +194,38 @@ def _ghost_cells(discretization, owner, rank, order) -> np.ndarray:
     others = np.flatnonzero(has_points & (owner != rank))
     if not len(mine) or not len(others):
         return np.empty(0, np.int64)
-    centre, radius = _cell_balls(discretization)
-    tree = cKDTree(centre[mine])
-    distance, _ = tree.query(centre[others], distance_upper_bound=discretization.cutoff + 2.0 * radius.max())
-    near = others[np.isfinite(distance)]
+    others = _near_box(discretization, mine, others)
+    (centre, radius), (owned_centre, owned_radius) = (_cell_balls(discretization, some) for some in (others, mine))
+    if not len(others):
+        return np.empty(0, np.int64)
+    widest = max(radius.max(), owned_radius.max())
+    distance, _ = cKDTree(owned_centre).query(centre, distance_upper_bound=discretization.cutoff + 2.0 * widest)
+    near = np.isfinite(distance)
     # the nearest centre need not be the nearest cell when sizes differ: compare with the largest owned radius
-    keep = distance[np.isfinite(distance)] <= discretization.cutoff + radius[near] + radius[mine].max()
+    keep = distance[near] <= discretization.cutoff + radius[near] + owned_radius.max()
     chosen = np.zeros(len(owner), bool)
-    chosen[near[keep]] = True
+    chosen[others[near][keep]] = True
     return order[chosen[order]]
+
+
+def _near_box(discretization, mine, others) -> np.ndarray:
+    """Those of other cells whose balls may come within the cutoff radius of a ball of the rank's own; int64."""
+    mesh, centroids = discretization.mesh, _centroids(discretization)
+    reach = discretization.cutoff + WIDEST_BALLS * mesh.largest_edge / discretization.units.length
+    low, high = centroids[mine].min(axis=0) - reach, centroids[mine].max(axis=0) + reach
+    return others[((centroids[others] >= low) & (centroids[others] <= high)).all(axis=1)]
 
 
 def _image_cells(discretization, owned, ghosts) -> tuple[np.ndarray, np.ndarray]:
     """Cells with a mirror image within the cutoff radius of an owned cell, or nearly so, and the reflections."""
     if not discretization.mirrors or not len(owned):
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    centre, radius = _cell_balls(discretization)
     cells = np.concatenate([owned, ghosts])
-    near, reflection, images = near_images(discretization, centre[cells], centre[owned], 2.0 * radius.max())
-    distance, _ = cKDTree(centre[owned]).query(images)
-    keep = distance <= discretization.cutoff + radius[cells[near]] + radius[owned].max()
+    centre, radius = _cell_balls(discretization, cells)
+    own = slice(0, len(owned))
+    near, reflection, images = near_images(discretization, centre, centre[own], 2.0 * radius.max())
+    distance, _ = cKDTree(centre[own]).query(images)
+    keep = distance <= discretization.cutoff + radius[near] + radius[own].max()
     return cells[near][keep], reflection[keep]
 
 
@@ -198,8 +255,8 @@ def near_images(discretization, x, target, margin=0.0) -> tuple[np.ndarray, np.n
     return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
 
-def _cell_balls(discretization) -> tuple[np.ndarray, np.ndarray]:
-    """Centre and radius of a ball around the Gauss points of each cell, model units."""
-    points = gauss_positions(discretization.nodes[discretization.mesh.cells])
+def _cell_balls(discretization, cells) -> tuple[np.ndarray, np.ndarray]:
+    """Centre and radius of a ball around the Gauss points of some cells, model units."""
+    points = gauss_positions(discretization.nodes[discretization.mesh.cells[cells]])
     centre = 0.5 * (points.min(axis=1) + points.max(axis=1))
     return centre, np.sqrt(((points - centre[:, None]) ** 2).sum(axis=2).max(axis=1))

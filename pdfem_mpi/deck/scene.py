@@ -25,7 +25,15 @@ from pdfem_mpi.deck.loads import (
     check_sets,
     check_support_references,
 )
-from pdfem_mpi.deck.materials import Interface, Material, check_contrast, check_material_names
+from pdfem_mpi.deck.materials import (
+    BOND_POISSONS_RATIO,
+    Interface,
+    Material,
+    all_materials,
+    check_contrast,
+    check_material_names,
+)
+from pdfem_mpi.deck.mechanical_probes import check_energy_release, check_set_probes
 from pdfem_mpi.deck.meshes import Mesh
 from pdfem_mpi.deck.outputs import (
     Checkpoint,
@@ -42,8 +50,10 @@ from pdfem_mpi.deck.peridynamics import (
     check_cracks,
     check_cutoff,
     check_fitted,
+    check_volumetric,
 )
 from pdfem_mpi.deck.programs import (
+    Events,
     Solver,
     Stepping,
     Steps,
@@ -62,6 +72,7 @@ from pdfem_mpi.deck.regions import (
     has_model,
 )
 from pdfem_mpi.deck.table import FieldMissing, Problem, Table, Units, key
+from pdfem_mpi.deck.temperatures import Temperature, check_temperature
 
 
 class Scene(Table):
@@ -86,6 +97,7 @@ class Scene(Table):
     coupling: Coupling = Field(default_factory=Coupling)
     loads: tuple[Load, ...] = key(())
     supports: tuple[Support, ...] = key(())
+    temperature: Temperature | None = key(None)
     solver: Solver = Field(default_factory=Solver)
     stepping: Stepping = Field(default_factory=Steps)
     probes: tuple[Probe, ...] = key(())
@@ -102,6 +114,11 @@ class Scene(Table):
         return has_model(self.regions, "peridynamics")
 
     @property
+    def has_cycle(self) -> bool:
+        """Whether equilibria are found by conjugate gradients, with a cycle over all cells as preconditioner."""
+        return self.solver.kind == "cg" or isinstance(self.stepping, Events)
+
+    @property
     def has_finite_elements(self) -> bool:
         """Whether some region is described by finite elements."""
         return has_model(self.regions, "finite_elements")
@@ -110,6 +127,13 @@ class Scene(Table):
     def kinematics(self) -> Literal["linear", "finite"]:
         """Of bonds and elements; what ``peridynamics.kinematics`` stands for where it is not given."""
         return self.peridynamics.kinematics or ("finite" if self.has_peridynamics else "linear")
+
+    @property
+    def has_volumetric_part(self) -> bool:
+        """Whether bonds may have one: a region of bonds, or beside them, of another Poisson's ratio than 1/4."""
+        materials = {name: table for name, (_, table) in all_materials(self.material, self.materials).items()}
+        ratios = {materials[region.material].poissons_ratio for region in self.regions}
+        return self.has_peridynamics and ratios != {BOND_POISSONS_RATIO}
 
     @property
     def can_fail(self) -> bool:
@@ -142,12 +166,17 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("regions", "loads"), check_references),
     (("regions", "supports"), check_support_references),
     (("mesh", "regions", "material", "materials", "peridynamics", "coupling"), check_fitted),
+    (("regions", "material", "materials", "peridynamics"), check_volumetric),
     (("mesh", "regions"), functools.partial(check_sets, "regions")),
     (("mesh", "loads"), functools.partial(check_sets, "loads")),
     (("mesh", "supports"), functools.partial(check_sets, "supports")),
     (("mesh", "loads"), check_mirrored_loads),
     (("mesh", "supports"), check_mirrored_supports),
     (("mesh", "probes"), check_mirrored_bars),
+    (("temperature", "material", "materials", "peridynamics", "regions"), check_temperature),
+    (("mesh", "probes"), functools.partial(check_sets, "probes")),
+    (("regions", "probes"), check_set_probes),
+    (("cracks", "material", "materials", "temperature", "probes"), check_energy_release),
 )
 
 

@@ -22,6 +22,7 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import combine, free_motions, rigid_gram, rigid_modes
 from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsupported
 from pdfem_mpi.model.supports import Following, prescribe
+from pdfem_mpi.model.thermal import Thermal, make_thermal
 from pdfem_mpi.model.tractions import traction_forces
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.clusters import cluster_layout
@@ -56,6 +57,8 @@ class LoadCase:
         Largest prescribed displacement.
     load : float, dimension force
         Resultant of the external forces that push one way (those along the axes, or those against them).
+    thermal : Thermal or None
+        The strain of a change of temperature, whose forces are part of ``external``.
     taken : float64, shape (3,), dimension force
         Sums of the forces along x, y and z that loads put on held places, where supports take them at once; NaN where
         there are none.
@@ -83,6 +86,7 @@ class LoadCase:
     constant: np.ndarray | None = None
     following: tuple[Following, ...] = ()
     opening: Gauge | None = None
+    thermal: Thermal | None = None
 
     def forces(self, load_factor: float) -> np.ndarray:
         """The external forces at a load factor; float64, shape (n_unknowns,)."""
@@ -148,7 +152,15 @@ def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
     for forces in (external,) if constant is None else (external, constant):
         if messages := find_unbalanced(model, free, parts, unsupported, forces):
             raise SceneError(messages)
-    return case
+    return _with_thermal(scene, share, model, case)
+
+
+def _with_thermal(scene: Scene, share: Share, model: Model, case: LoadCase) -> LoadCase:
+    """The load case with the forces of thermal strain, which are in balance by themselves. Collective."""
+    thermal = make_thermal(scene, share, model)
+    if thermal is None:
+        return case
+    return replace(case, external=case.external + np.where(case.fixed, 0.0, thermal.forces), thermal=thermal)
 
 
 def _forces(scene: Scene, share: Share, model: Model, messages: list[str], constant: bool) -> np.ndarray:

@@ -152,6 +152,8 @@ def gather_pairs(comm: Intracomm, pairs: Array, n_global: int) -> Iterator[Array
     int64, shape (m, 2); None except on rank 0
         Ranges without a pair are left out.
     """
+    if not sum_integers(comm, np.array([len(pairs)]))[0]:
+        return
     own = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     edges = np.searchsorted(own[:, 0], np.arange(0, n_global + PAIR_SLAB, PAIR_SLAB))
     numbers = np.diff(edges)

@@ -27,7 +27,7 @@ import json
 import os
 import re
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -112,8 +112,8 @@ class Writer:
         except (OSError, RuntimeError) as error:
             self.error = error
 
-    def finish(self, header: Mapping[str, Any]) -> int:
-        """Close, verify, seal and rename; return the file's bytes.
+    def finish(self, header: Mapping[str, Any], beat: Callable[[], None] = bool) -> int:
+        """Close, verify, seal and rename; return the file's bytes. ``beat`` is called now and then.
 
         Raises
         ------
@@ -129,8 +129,8 @@ class Writer:
             faults.begin("close")
             self._close()
             faults.begin("verify")
-            _read_everything(self.temporary, text, self._tables)
-            _seal(self.temporary)
+            _read_everything(self.temporary, text, self._tables, beat)
+            _seal(self.temporary, beat)
             size = self.temporary.stat().st_size
             faults.begin("replace")
             os.replace(self.temporary, self.path)
@@ -164,7 +164,7 @@ def _create(file: h5py.File, name: str, shape: Shape) -> None:
     file.create_dataset(name, size, shape.dtype, chunks=chunk, fletcher32=True)
 
 
-def _read_everything(path: Path, header: bytes, tables: Mapping[str, Shape]) -> None:
+def _read_everything(path: Path, header: bytes, tables: Mapping[str, Shape], beat: Callable[[], None]) -> None:
     """Read a file that was just written: checksums, sizes and header.
 
     Raises
@@ -181,22 +181,24 @@ def _read_everything(path: Path, header: bytes, tables: Mapping[str, Shape]) -> 
                     raise OSError(f"{name} reads back with shape {file[name].shape}")
                 for first in range(0, shape.rows, ROWS_PER_CHUNK):
                     file[name][first : first + ROWS_PER_CHUNK]
+                    beat()
     except (KeyError, ValueError, RuntimeError) as error:
         raise OSError(f"it does not read back: {error}") from None
 
 
-def _seal_of(file, number: int = FORMAT) -> bytes:
+def _seal_of(file, number: int = FORMAT, *, beat: Callable[[], None] = bool) -> bytes:
     """The seal of what follows the first bytes of an open file; the format's number is sealed too."""
     total = hashlib.sha256(f"{number}".encode())
     file.seek(SEAL)
     while block := file.read(BLOCK):
         total.update(block)
+        beat()
     return (MAGIC + f"format {number}\nsha256 {total.hexdigest()}\n".encode()).ljust(SEAL, b"\0")
 
 
-def _seal(path: Path) -> None:
+def _seal(path: Path, beat: Callable[[], None] = bool) -> None:
     with open(path, "r+b", buffering=0) as file:
-        seal = _seal_of(file)
+        seal = _seal_of(file, beat=beat)
         file.seek(0)
         if file.write(seal) != SEAL:
             raise OSError("its seal could not be written")

@@ -19,7 +19,7 @@ from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.state import State
-from pdfem_mpi.parallel.comm import NotWritten, broadcast
+from pdfem_mpi.parallel.comm import NotWritten, broadcast, on_root_beating
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.results.cursor import free_name
 from pdfem_mpi.runs.identity import identity, sha256
@@ -161,11 +161,7 @@ class CheckpointWriter:
             except OSError as error:
                 problem = error
         write_tables(self.model, self.layout, state.fields, contents.broken, writer)
-        if writer:
-            try:
-                self.size = writer.finish(header)
-            except (OSError, RuntimeError) as error:
-                problem = error
+        self.size, problem = _finish(comm, writer, header, (self.size, problem))
         faults.begin("outcome")
         reason = broadcast(comm, None if problem is None else getattr(problem, "strerror", None) or str(problem))
         self.seconds = perf_counter() - begun
@@ -243,6 +239,20 @@ class CheckpointWriter:
         self._number += 1
         with contextlib.suppress(OSError):
             rotate(self.folder, self.keep)
+
+
+def _finish(comm, writer, header: dict[str, Any], before: tuple[int, Exception | None]):
+    """Finish the file on rank 0, while the others hear that it goes on; its size, and what went wrong. Collective."""
+    found = [before]
+
+    def finish(beat):
+        try:
+            found.append((writer.finish(header, beat), None))
+        except (OSError, RuntimeError) as error:
+            found.append((before[0], error))
+
+    on_root_beating(comm, finish if writer else lambda beat: None)
+    return found[-1]
 
 
 def take_over(start: RestartPoint, folder: Path) -> None:

@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage, gather_fields
+from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage
 from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.parallel.comm import on_root
 from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests, place_of
+from pdfem_mpi.parallel.traffic import TRAFFIC, join
 from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.runs.checkpoints import CheckpointWriter
+from pdfem_mpi.runs.energy_release import energy_releases
+from pdfem_mpi.runs.history_rows import probe_row
 from pdfem_mpi.runs.memory_report import Watched
 from pdfem_mpi.runs.outputs import Outputs
 from pdfem_mpi.runs.reporter import Reporter
@@ -39,6 +42,8 @@ class Ending:
         Of the fields, where nothing asks for them.
     did_nothing : bool
         The time was over before the first step.
+    communication : dict or None
+        What the ranks sent and waited, on rank 0; None on one rank.
     """
 
     code: int = EXIT_FINISHED
@@ -47,6 +52,7 @@ class Ending:
     damage: np.ndarray | None = None
     digest: str | None = None
     did_nothing: bool = False
+    communication: dict[str, Any] | None = None
 
 
 class March:
@@ -91,6 +97,8 @@ class March:
         """Follow the load program to its end. Collective."""
         simulation, ended = self.simulation, self.ended
         state, began, timed = simulation.state, perf_counter(), False
+        evaluations = simulation.forces.evaluations
+        TRAFFIC.clear()
         over, first = state.program.pop("over", 0) and not self.changed, place_of(state)
         try:
             rows = 0
@@ -101,9 +109,12 @@ class March:
             if not self.wanted:
                 ended.digest = digest_fields(simulation.share, simulation.forces, state.u)
             elif not rows:
-                ended.fields = gather_fields(simulation.share, simulation.forces, state.u)
+                ended.fields = simulation.fields(probes=simulation.probe_reader)
             state.program["over"] = 1
             self.stop_requests.save(state)
+            released = energy_releases(simulation, lambda text: self.reporter.line(f"warning: {text}"))
+            if ended.fields is not None:
+                ended.fields.probed.update(released)
         except (NotConverged, NotFinite) as error:
             ended.code, ended.reason = EXIT_NOT_CONVERGED, str(error)
             self.checkpoints.save_good()
@@ -114,6 +125,8 @@ class March:
             timed = not stop.asked
         ended.did_nothing = ended.code == EXIT_STOPPED and timed and place_of(state) == first
         self.seconds = perf_counter() - began - self.seconds_of_output
+        evaluations = simulation.forces.evaluations - evaluations
+        ended.communication = join(simulation.comm, TRAFFIC.copy(), perf_counter() - began, evaluations)
         return ended
 
     def _watch(self, step, progress) -> None:
@@ -130,8 +143,9 @@ class March:
             self._warned_of_strains = True
         began = perf_counter()
         if self.wanted:
-            ended.fields = gather_fields(simulation.share, simulation.forces, simulation.state.u)
+            ended.fields = simulation.fields(*simulation.scene.output.mechanical, probes=simulation.probe_reader)
         columns = simulation.row(report)
+        columns |= probe_row(simulation.scene.probes, ended.fields.probed if ended.fields else {})
         ended.damage = gather_damage(simulation.share, simulation.model, self.remaining, simulation.failure)
         on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))
         self.reporter.row(columns)

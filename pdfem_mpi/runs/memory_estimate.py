@@ -22,6 +22,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.parallel.comm import agree, largest, node_communicator, sum_integers
+from pdfem_mpi.solvers.preconditioner.coarse_grid import grid_counts
 from pdfem_mpi.system.process_limits import Limit, group_limit, own_limit
 
 #: Cells of a rank whose families are searched.
@@ -34,10 +35,13 @@ CELL_BYTES, CELL_PEAK_BYTES = 190, 400
 NODAL_CELL_BYTES = 1700
 #: Positions, weights, table, counts and correction vectors of a point, ghosts included.
 POINT_BYTES = 170
+#: Dilatations of a point, ghosts included, where Poisson's ratio is not 1/4: of the forces, and of a tangent twice.
+DILATATION_BYTES = 25
 #: Vectors over the unknowns of a point or node while a load case is made: state, loads, one rigid mode at a time.
 MOTION_BYTES = 330
-#: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model and grid, for a cell.
-GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES = 320, 2700
+#: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model, for a cell; and its
+#: coarse grid, which rank 0 has, for a cell of the grid.
+GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES, GRID_CELL_BYTES = 320, 700, 16_000
 #: Table, vectors, blocks and multipliers of a point while bond factors are fitted.
 FIT_POINT_BYTES = 1700
 #: Matrix and factors of the fit's grid on every rank, for a cell with points, and at most.
@@ -120,11 +124,13 @@ def estimate(scene: Scene, share: Share) -> Need:
     total = rows * ROW_BYTES[scene.kinematics]
     n_cells = len(cells) + len(subdomain.ghosts) + len(subdomain.images)
     total += (8 * n_cells + 0.5 * n_nodes) * POINT_BYTES
+    total += 8 * n_cells * DILATATION_BYTES if scene.has_volumetric_part else 0
     later = (8 * len(subdomain.free) + len(subdomain.owned_nodes)) * MOTION_BYTES
     later += np.count_nonzero(share.has_nodes) * NODAL_CELL_BYTES
-    if scene.solver.kind == "cg":
+    if scene.has_cycle:
         later += 8 * len(subdomain.free) * GRADIENT_POINT_BYTES
         later += (len(cells) + len(subdomain.elements)) * GRADIENT_CELL_BYTES
+        later += float(np.prod(grid_counts(share)[0])) * GRID_CELL_BYTES * (share.comm.rank == 0)
     fit = 0.0
     if bonds and scene.peridynamics.surface_correction == "fitted":
         fit = 8 * (len(cells) + len(subdomain.ghosts)) * FIT_POINT_BYTES

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.deck.programs import Events, Ramp, Steps
+from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
@@ -30,9 +30,9 @@ from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 #: All parts, in the order in which they are counted: what two of them share belongs to the first.
 PARTS = (
     "mesh", "share_of_the_rank", "exchange", "mirror_images", "points", "bond_rows",
-    "bond_strengths", "bond_lengths", "bond_counts", "fitted_factors", "damage_weights", "nodes", "elements", "overlap",
-    "masses", "loads_and_supports", "state", "force_tables", "break_check", "break_records", "broken_bonds",
-    "intact_elements", "coarse_grid", "preconditioner_blocks", "checkpoint_copy", "output",
+    "bond_strengths", "bond_lengths", "dilatations", "bond_counts", "fitted_factors", "damage_weights", "nodes",
+    "elements", "overlap", "masses", "loads_and_supports", "state", "force_tables", "break_check", "break_records",
+    "broken_bonds", "intact_elements", "coarse_grid", "preconditioner_blocks", "checkpoint_copy", "output",
     "solver_vectors",
 )  # fmt: skip
 #: The same bytes on every rank count: each cell, node or bond is on one rank. Others have ghosts, rows that depend on
@@ -43,8 +43,7 @@ SHARED_OUT = ("damage_weights", "overlap", "masses", "state")
 def features_of(scene: Scene) -> frozenset[str]:
     """What a scene has, in the words of `kernels.warm_up.NEEDED_BY`."""
     bonds, settings = scene.has_peridynamics, scene.peridynamics
-    events = isinstance(scene.stepping, Events)
-    cg = scene.solver.kind == "cg" or events
+    cg = scene.has_cycle
     has = {
         "bonds": bonds,
         scene.kinematics: bonds,
@@ -54,11 +53,13 @@ def features_of(scene: Scene) -> frozenset[str]:
         "noise": settings.stiffness_noise > 0.0,
         "cracks": bool(scene.cracks),
         "gaps": bonds and bool(getattr(scene.mesh, "remove", ())),
-        "damage": scene.output.damage,
+        "damage": scene.output.has_damage,
+        "stresses": bonds and bool(scene.output.mechanical),
         "mirrors": bool(scene.mesh.symmetry),
         "overlap": scene.is_coupled,
         "cg": cg,
         "adr": scene.solver.kind == "adr" or isinstance(scene.stepping, Ramp),
+        "volumetric": bonds and scene.has_volumetric_part,
         "elements": (scene.has_finite_elements and scene.kinematics == "linear") or cg,  # cg: those of the intact body
         "turning": scene.has_finite_elements and scene.kinematics == "finite",
     }
@@ -127,6 +128,8 @@ def _things(
             halos[0] = points.halo.halo
         yield "points", (points,)
         yield from bonds.storage().items()
+        if bonds.volumetric:
+            yield "dilatations", (bonds.volumetric, forces.of_bonds.q)
         yield "bond_counts", (bonds,)
     yield "exchange", tuple(halos)
     yield "fitted_factors", (model.body_fit,)
@@ -224,12 +227,13 @@ def left_out(scene: Scene, share: Share, failure: Failure | None, ranks: int) ->
         because(
             "no cell is peridynamic",
             "points", "bond_rows", "bond_strengths", "bond_lengths", "bond_counts", "damage_weights", "break_check",
-            "break_records", "broken_bonds", "fitted_factors", "mirror_images",
+            "break_records", "broken_bonds", "fitted_factors", "mirror_images", "dilatations",
         )  # fmt: skip
     if scene.kinematics == "linear":
         because('peridynamics.kinematics = "linear"', "bond_lengths")
     if scene.peridynamics.surface_correction != "fitted":
         because(f'peridynamics.surface_correction = "{scene.peridynamics.surface_correction}"', "fitted_factors")
+    because("Poisson's ratio of the bonds is 1/4", "dilatations")
     if failure is None:
         limited = scene.can_fail
         reason = "no region may fail" if limited else "no critical_stretch and no fracture_energy in the deck"
@@ -238,7 +242,7 @@ def left_out(scene: Scene, share: Share, failure: Failure | None, ranks: int) ->
         because("no bond broke", "broken_bonds")
     if not scene.mesh.symmetry:
         because("mesh.symmetry is empty", "mirror_images")
-    if not scene.output.damage:
+    if not scene.output.has_damage:
         because("output.damage = false", "damage_weights")
     if not counts.node_cells:
         because("no cell is a finite element", "nodes", "elements", "overlap")
@@ -248,7 +252,7 @@ def left_out(scene: Scene, share: Share, failure: Failure | None, ranks: int) ->
         because("no cell is a finite element", "elements")
     if scene.solver.kind != "cg":
         because(f'solver.kind = "{scene.solver.kind}"', "intact_elements", "coarse_grid", "preconditioner_blocks")
-    if isinstance(scene.stepping, Steps) and len(scene.stepping.load_factors) == 1:
+    if isinstance(scene.stepping, Steps) and scene.stepping.n_steps == 1:
         because("one load step: there is no earlier state to keep", "checkpoint_copy")
     if not (scene.output.fields or scene.probes):
         because("output.fields = false, and no probes", "output")

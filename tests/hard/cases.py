@@ -32,6 +32,22 @@ LAST = 1e-2
 LAST_STATE = "as many broken bonds, last reaction to 1e-2 (round-off decides which of a hundred states count as stable)"
 PATCH = "u = 1e-3 x everywhere, to 1e-6 (exact patch tests, docs/fitted.md)"
 
+#: The interface of the paper on fewer cells, pulled by supports, bonds without correction.
+READING_B = (
+    "peridynamics.surface_correction=none",
+    "coupling.kind=paper",
+    "mesh.upper=[6,4,4]",
+    "regions.elements.upper=[3,2,2]",
+    "regions.bonds.lower=[3,0,0]",
+    "regions.bonds_beside.lower=[0,2,0]",
+    "regions.bonds_beside.upper=[3,4,4]",
+    "regions.bonds_above.lower=[0,0,2]",
+    "regions.bonds_above.upper=[3,2,4]",
+    "loads=[]",
+    'supports=[{face="x-",x=-0.006},{face="x+",x=0.006},{face="y-",y=0.0},{face="z-",z=0.0}]',
+    "probes=[]",
+)
+
 
 def only(model: str, *names: str) -> tuple[str, ...]:
     """Regions that get another model."""
@@ -48,20 +64,18 @@ CASES = (
         "interface_corner",
         DIRECT,
         direct_solution(SINGLE),
-        (
-            "peridynamics.surface_correction=none",
-            "coupling.kind=paper",
-            "mesh.upper=[6,4,4]",
-            "regions.elements.upper=[3,2,2]",
-            "regions.bonds.lower=[3,0,0]",
-            "regions.bonds_beside.lower=[0,2,0]",
-            "regions.bonds_beside.upper=[3,4,4]",
-            "regions.bonds_above.lower=[0,0,2]",
-            "regions.bonds_above.upper=[3,2,4]",
-            "loads=[]",
-            'supports=[{face="x-",x=-0.006},{face="x+",x=0.006},{face="y-",y=0.0},{face="z-",z=0.0}]',
-            "probes=[]",
-        ),
+        READING_B,
+    ),
+    *(
+        Case(
+            1,
+            f"interface, reading B, Poisson's ratio {nu}",
+            "interface_corner",
+            DIRECT,
+            direct_solution(SINGLE),
+            (*READING_B, f"material.poissons_ratio={nu}"),
+        )
+        for nu in (0.0, 0.1, 0.33, 0.45, 0.49)
     ),
     # 2
     Case(

@@ -54,7 +54,7 @@ def test_parts_are_the_same_on_any_number_of_ranks(comm, monkeypatch, owners, n_
         monkeypatch.setattr(
             share_module,
             "partition",
-            lambda d, n: np.random.default_rng(1).permutation(len(d.mesh.cells)).astype(np.int32) % n,
+            lambda d, n, neighbours: np.random.default_rng(1).permutation(len(d.mesh.cells)).astype(np.int32) % n,
         )
     told, rows = found(torn(comm, n_elements))
     assert_all(comm, expected[0] > 3, "nothing came off")

@@ -75,6 +75,22 @@ SCENES |= {
     "elements": partial(make_scene, (7, 3, 2), 7),
     "elements, finite": partial(make_scene, (7, 3, 2), 7, kinematics="finite", loads=tension((7, 3, 2), 7, 100.0)),
     "elements of another poissons ratio": partial(make_scene, (5, 3, 1), 5, poissons_ratio=0.4),
+    "bonds of another poissons ratio": partial(make_scene, (9, 3, 2), 4, poissons_ratio=0.4, correction="virial"),
+    "bonds of another poissons ratio, finite": partial(
+        make_scene, (7, 3, 2), 3, poissons_ratio=0.1, kinematics="finite", solver="cg"
+    ),
+    "bonds of two poissons ratios": partial(
+        make_scene,
+        (7, 3, 2),
+        0,
+        poissons_ratio=0.1,
+        materials={"other": Material(youngs_modulus=2e3, poissons_ratio=0.4)},
+        regions=(
+            Region(name="first", model="peridynamics", upper=(3.0, 3.0, 2.0)),
+            Region(name="second", model="peridynamics", material="other", lower=(3.0, 0.0, 0.0)),
+        ),
+        loads=tension((7, 3, 2), 0),
+    ),
     "coupled, reading A": partial(make_scene, (9, 3, 2), 4, coupling="paper_a"),
     "coupled, overlap 3": partial(make_scene, (9, 3, 2), 5, overlap=3, kinematics="finite"),
     "four materials": partial(make_scene, (9, 3, 2), 4, **MATERIALS),
@@ -104,6 +120,9 @@ OUTWARD = (
 )
 SCENES |= {
     "quarter": partial(make_scene, (7, 3, 2), 0, loads=OUTWARD, symmetry=("x-", "y-")),
+    "quarter of another poissons ratio": partial(
+        make_scene, (7, 3, 2), 3, loads=OUTWARD, symmetry=("x-", "y-"), poissons_ratio=0.33
+    ),
     "coupled eighth, finite": partial(
         make_scene, (8, 3, 2), 4, loads=OUTWARD, symmetry=("x-", "y-", "z+"), kinematics="finite", coupling="paper_a"
     ),
@@ -210,7 +229,7 @@ def test_equilibrium_does_not_depend_on_the_number_of_ranks(comm, name, solver):
     assert_same(comm, found, expected)
 
 
-def random_owners(discretization, n_parts, seed):
+def random_owners(discretization, n_parts, neighbours, seed):
     """Cells dealt out one by one, none left out: every cell has neighbours elsewhere."""
     rng = np.random.default_rng(seed)
     n_cells = len(discretization.mesh.cells)
@@ -219,21 +238,21 @@ def random_owners(discretization, n_parts, seed):
     return owner.astype(np.int32)
 
 
-def by_model(discretization, n_parts):
+def by_model(discretization, n_parts, neighbours):
     """The last rank has all peridynamic cells and nothing else, the others share the elements."""
     owner = np.arange(len(discretization.mesh.cells)) % max(1, n_parts - 1)
     owner[discretization.has_points & ~discretization.is_overlap] = n_parts - 1
     return owner.astype(np.int32)
 
 
-def points_without_overlap(discretization, n_parts):
+def points_without_overlap(discretization, n_parts, neighbours):
     """Rank 0 has all cells with points, overlap included; the others have elements only."""
     owner = np.arange(len(discretization.mesh.cells)) % max(1, n_parts - 1) + (n_parts > 1)
     owner[discretization.has_points] = 0
     return owner.astype(np.int32)
 
 
-def single_cell(discretization, n_parts, kind):
+def single_cell(discretization, n_parts, neighbours, kind):
     """The last rank owns one cell: of elements, of overlap, or peridynamic."""
     free = discretization.has_points & ~discretization.is_overlap
     chosen = {"element": ~discretization.has_points, "overlap": discretization.is_overlap, "free": free}[kind]
@@ -242,9 +261,9 @@ def single_cell(discretization, n_parts, kind):
     return owner.astype(np.int32)
 
 
-def reversed_ranks(discretization, n_parts, partition):
+def reversed_ranks(discretization, n_parts, neighbours, partition):
     """The parts of a run, given to the ranks in reverse."""
-    return n_parts - 1 - partition(discretization, n_parts)
+    return n_parts - 1 - partition(discretization, n_parts, neighbours)
 
 
 OWNERS = {

@@ -1,8 +1,9 @@
 """The coarse level: the intact body's elasticity on a background grid of about two cells' spacing, factorised once.
 
 The grid's trilinear functions need not follow the mesh. Their stiffness is integrated at the Gauss points of all
-cells, through the 27 moments of each grid cell; the moments are order-independent sums, every rank then factorises
-and solves the same small problem, and so finds the same bits. Where factors would outgrow ``MOST_FILL``, one symmetric
+cells, through the 27 moments of each grid cell. The moments are order-independent sums on rank 0, which alone has the
+grid, factorises and solves; the other ranks know the grid cells and grid nodes that their own points and nodes touch,
+and exchange integers with it. Where factors would outgrow ``MOST_FILL``, one symmetric
 multigrid cycle over nested grids takes the place of the direct solve, down to a grid that can be factorised.
 """
 
@@ -21,11 +22,12 @@ from pdfem_mpi.kernels.multigrid import interpolate, restrict
 from pdfem_mpi.mesh.background_grid import CORNERS, add_moments, cell_nodes, moment_table
 from pdfem_mpi.mesh.rigid_motions import rigid_motions
 from pdfem_mpi.model.model import Model
-from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.parallel.halo import Halo, build_halo
 from pdfem_mpi.solvers.preconditioner.levels import DAMPING, Level, factorise, solve
 
-#: Spacing of the grid in cell edges.
-COARSENING = 2.0
+#: Spacing of the grid in cell edges; of bodies with more cells than that, the wider one: a third of the grid's work and
+#: memory for one or two iterations more (docs/scaling.md).
+COARSENING, WIDER, MANY_CELLS = 2.0, 3.0, 50_000
 #: Most entries of the factor, 8 bytes each on every rank: unknowns times half a band.
 MOST_FILL = 2.5e7
 #: Added to the diagonal, relative: pins the rigid motions of free bodies.
@@ -41,12 +43,12 @@ class Grid:
     Attributes
     ----------
     corners : int32, shape (n_nodes, 8)
-        Grid nodes around each owned node.
+        Grid nodes around each owned node, by their places in the halo.
     weights : float64, shape (n_nodes, 8)
-    n_nodes : int
-        Grid nodes that touch the body.
+    halo : Halo
+        Of the grid nodes that touch the body: rank 0 owns them all, others see those around their nodes.
     levels : tuple of Level
-        From fine to coarse, the same on every rank.
+        From fine to coarse; rank 0 has them, others none.
     free : float64, shape (3 n_nodes, n_motions)
         Orthonormal rigid motions that nothing holds. They are kept out of the solve: round-off along them would
         be amplified by the inverse of ``PIN``.
@@ -54,11 +56,16 @@ class Grid:
 
     corners: np.ndarray
     weights: np.ndarray
-    n_nodes: int
+    halo: Halo
     levels: tuple[Level, ...]
     free: np.ndarray
 
-    def add_correction(self, comm, r: np.ndarray, quantum: float, z: np.ndarray) -> None:
+    @property
+    def n_nodes(self) -> int:
+        """Grid nodes that this rank sees: on rank 0 all that touch the body."""
+        return self.halo.n_owned + self.halo.n_ghost
+
+    def add_correction(self, r: np.ndarray, quantum: float, z: np.ndarray) -> None:
         """``z += T C^-1 T^t r`` for the owned nodes. Collective.
 
         Parameters
@@ -69,9 +76,12 @@ class Grid:
         """
         sums = np.zeros((self.n_nodes, 3), np.int64)
         restrict(self.corners, self.weights, r, quantum, sums)
-        right = self._held((sum_integers(comm, sums) * quantum).reshape(-1))
-        correction = self._held(solve(self.levels, right))
-        interpolate(self.corners, self.weights, correction.reshape(-1, 3), z)
+        self.halo.scatter_reverse(sums)
+        correction = np.zeros((self.n_nodes, 3))
+        if self.levels:
+            correction[:] = self._held(solve(self.levels, self._held((sums * quantum).reshape(-1)))).reshape(-1, 3)
+        self.halo.scatter_forward(correction)
+        interpolate(self.corners, self.weights, correction, z)
 
     def _held(self, x: np.ndarray) -> np.ndarray:
         return x - self.free @ (self.free.T @ x)
@@ -94,28 +104,28 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
     comm, nodes, subdomain = intact.comm, intact.nodes, intact.subdomain
     positions, cells = share.nodes, share.mesh.cells
     lower, upper = share.lower, share.upper
-    spacing = COARSENING * share.typical_edge
-    counts = np.maximum(1, np.rint((upper - lower) / spacing)).astype(np.int64)
-    n_halvings = 0
-    while _fill(_halved(counts, n_halvings)) > MOST_FILL:
-        n_halvings += 1
-    counts = _nested(counts, n_halvings)
+    counts, n_halvings = grid_counts(share)
     h = (upper - lower) / counts
 
     own = subdomain.elements
     points = gauss_positions(positions[cells[own]])
     where, xi = _locate(points.reshape(-1, 3), lower, h, counts)
+    own_cell, _ = _locate(nodes.x[: nodes.n_owned], lower, h, counts)
+    known = np.arange(int(np.prod(counts))) if comm.rank == 0 else np.unique(np.concatenate([where, own_cell]))
+    halo = _halo_of_rank_0(comm, known)
+    where = np.searchsorted(known, where)
     modulus, nu = (np.repeat(v[own], 8) for v in (share.youngs_modulus, share.poissons_ratio))
-    stiffest = np.zeros(int(np.prod(counts)))
-    np.maximum.at(stiffest, where, modulus)
-    stiffest = largest(comm, stiffest)
+    softest = np.zeros(len(known))  # of the negative moduli: the halo knows the smallest
+    np.minimum.at(softest, where, -modulus)
+    halo.scatter_smallest(softest)
+    stiffest = -softest
     quantum = MOMENT_QUANTUM * _power_of_two(stiffest)
     ratios = np.unique(share.materials.poissons_ratio)
-    moments = np.zeros((len(ratios) + 3, len(stiffest), 27), np.int64)
+    moments = np.zeros((len(known), len(ratios) + 3, 27), np.int64)
     terms = modulus * gauss_volumes(positions[cells[own]]).reshape(-1)
     for k, ratio in enumerate(ratios):
         same = nu == ratio
-        add_moments(moments[k], where[same], xi[same], terms[same], quantum)
+        add_moments(moments[:, k], where[same], xi[same], terms[same], quantum)
 
     # a node belongs to its own grid cell or, where the body leaves that empty, to the one of a Gauss point beside it;
     # always taking the latter would make the grid's functions of a mirror-symmetric body unsymmetric
@@ -125,25 +135,42 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
         lowest_last = np.argsort(own)[::-1]
         beside[cells[own[lowest_last], a]] = points[lowest_last, g]
     where, _ = _locate(beside[subdomain.owned_nodes], lower, h, counts)
-    own_cell, _ = _locate(nodes.x[: nodes.n_owned], lower, h, counts)
-    where = np.where((stiffest > 0.0)[own_cell], own_cell, where)
+    where = np.where((stiffest > 0.0)[np.searchsorted(known, own_cell)], own_cell, where)
     xi = (nodes.x[: nodes.n_owned] - lower) / h - np.stack(np.unravel_index(where, counts), axis=1)
+    of_node = np.searchsorted(known, where)
     for d in range(3):
         held = fixed[:, d]
         weight = np.ones(np.count_nonzero(held))
-        add_moments(moments[len(ratios) + d], where[held], xi[held], weight, np.full_like(quantum, MOMENT_QUANTUM))
+        add_moments(moments[:, len(ratios) + d], of_node[held], xi[held], weight, np.full_like(quantum, MOMENT_QUANTUM))
 
-    moments = sum_integers(comm, moments).astype(float)
-    moments[: len(ratios)] *= quantum[:, None]
-    moments[len(ratios) :] *= MOMENT_QUANTUM
-    number, matrix = _stiffness(moments, stiffest, h, counts, ratios, spring)
-    index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
-    free = np.linalg.qr((motions @ rigid_motions(lower + index * h).reshape(6, -1)).T)[0]
-    corners = np.ascontiguousarray(number[cell_nodes(counts)[where]].astype(np.int32))
-    n_nodes = int(number.max()) + 1
+    halo.scatter_reverse(moments)
+    corners = cell_nodes(counts, 1, where)
+    known, levels, free = np.unique(corners), (), np.empty((0, 0))
+    if comm.rank == 0:
+        of_ratios = moments.swapaxes(0, 1).astype(float)
+        of_ratios[: len(ratios)] *= quantum[:, None]
+        of_ratios[len(ratios) :] *= MOMENT_QUANTUM
+        number, matrix = _stiffness(of_ratios, stiffest, h, counts, ratios, spring)
+        known = np.flatnonzero(number >= 0)
+        index = np.stack(np.unravel_index(known, counts + 1), axis=1)
+        free = np.linalg.qr((motions @ rigid_motions(lower + index * h).reshape(6, -1)).T)[0]
+        levels = _nested_levels(number, matrix, counts, n_halvings)
     weights = np.ones((len(where), 8))
     for d in range(3):
         weights *= np.where(CORNERS[:, d], xi[:, d, None], 1.0 - xi[:, d, None])
+    places = np.ascontiguousarray(np.searchsorted(known, corners).astype(np.int32))
+    return Grid(places, weights, _halo_of_rank_0(comm, known), levels, free)
+
+
+def _halo_of_rank_0(comm, known: np.ndarray) -> Halo:
+    """Exchange of grid cells or nodes by number: rank 0 owns all of them, others see some. Collective."""
+    none = np.empty(0, np.int64)
+    owned, ghosts = (known, none) if comm.rank == 0 else (none, known)
+    return build_halo(comm, owned, ghosts, np.zeros(len(ghosts), np.int32))
+
+
+def _nested_levels(number: np.ndarray, matrix, counts: np.ndarray, n_halvings: int) -> tuple[Level, ...]:
+    """Levels from the finest grid to the one that is factorised."""
     levels = []
     for _ in range(n_halvings):
         below, prolongation = _prolongation(number, counts)
@@ -151,7 +178,17 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
         matrix = prolongation.T @ matrix @ prolongation
         number, counts = below, _halved(counts, 1)
     levels.append(Level(factorise(matrix, number, counts)))
-    return Grid(corners, weights, n_nodes, tuple(levels), free)
+    return tuple(levels)
+
+
+def grid_counts(share: Share) -> tuple[np.ndarray, int]:
+    """Cells of the grid along the axes, int64 (3,), and how often they are halved; by the whole body alone."""
+    spacing = share.typical_edge * (WIDER if share.counts.cells > MANY_CELLS else COARSENING)
+    counts = np.maximum(1, np.rint((share.upper - share.lower) / spacing)).astype(np.int64)
+    n_halvings = 0
+    while _fill(_halved(counts, n_halvings)) > MOST_FILL:
+        n_halvings += 1
+    return _nested(counts, n_halvings), n_halvings
 
 
 def _halved(counts: np.ndarray, times: int) -> np.ndarray:

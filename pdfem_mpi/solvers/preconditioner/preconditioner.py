@@ -115,7 +115,7 @@ class Preconditioner:
         x, residual = np.zeros_like(right), np.empty_like(right)
         add_block_products(False, self.cycle_blocks, self.damping, right, x)
         self._residual(x, right, residual)
-        self.grid.add_correction(self.model.comm, residual, quantum, x)
+        self.grid.add_correction(residual, quantum, x)
         x[self.fixed] = 0.0
         self._residual(x, right, residual)
         add_block_products(False, self.cycle_blocks, self.damping, residual, x)

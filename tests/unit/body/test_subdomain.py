@@ -8,6 +8,7 @@ from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.subdomain import cut_out, partition
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions
+from pdfem_mpi.parallel.comm import observing_progress
 from support.bodies import make_scene
 
 BODIES = {
@@ -108,3 +109,26 @@ def test_more_parts_than_cells_are_refused_with_the_number_that_fits():
     assert sorted(partition(body, 3)) == [0, 1, 2]
     with pytest.raises(SceneError, match=r"4 ranks cannot share 3 cells\. Use at most 3 ranks"):
         partition(body, 4)
+
+
+def test_more_ranks_than_sums_are_exact_for_are_refused_by_name():
+    body = discretize(make_scene((3, 1, 1)))
+    with pytest.raises(SceneError, match=r"40000 ranks are more than 32,768, up to which sums over ranks are exact"):
+        partition(body, 40_000)
+
+
+def test_a_cycle_over_all_cells_evens_them_out():
+    """Conjugate gradients work on every cell: the rank with the elements gets fewer of them than for relaxation."""
+    cells = {}
+    for solver in ("adr", "cg"):
+        body = discretize(make_scene((24, 8, 8), 12, solver=solver))
+        cells[solver] = np.bincount(partition(body, 16)).max() / (len(body.region) / 16)
+    assert cells["cg"] < 4.0 < 7.0 < cells["adr"]  # times the mean
+
+
+def test_set_up_says_that_it_is_at_work():
+    """The watchdog hears of it: long set-ups have no word from the other ranks."""
+    beats = []
+    with observing_progress(lambda: beats.append(1)):
+        partition(discretize(make_scene((6, 3, 3), 2)), 2)
+    assert len(beats) >= 4

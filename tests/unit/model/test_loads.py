@@ -199,9 +199,9 @@ def test_displacements_by_place(body):
 @pytest.mark.parametrize(
     ("support", "says"),
     [
-        ({"point": (3.3, 0.0, 0.0), "y": 0.0}, r"supports.0.point has no node of the mesh on it; the nearest is 0.3 away"),
+        ({"point": (3.3, 0.0, 0.0), "y": 0.0}, r"supports.0.point has no node .* it; the nearest is 0.3 away"),
         ({"line": ((0.0, 0.5, 0.0), (0.0, 0.5, 2.0)), "y": 0.0}, r"supports.0.line has no node .* 0.5 away"),
-        ({"lower": (3.1, 0.0, 0.0), "upper": (3.2, 2.0, 2.0), "of": "nodes", "y": 0.0}, "no node of elements and no peri"),
+        ({"lower": (3.1, 0.0, 0.0), "upper": (3.2, 2.0, 2.0), "of": "nodes", "y": 0.0}, "no node of elements"),
         ({"face": "x-", "y": "1 / (y - 1)"}, r"supports.0.y = .* is not finite at \(0, 1, 0\)"),
         ({"face": "x-", "y": "log(-z)"}, r"is not finite at \(0, 0, 0\)"),
     ],

@@ -208,11 +208,15 @@ def test_long_elements_far_away_do_not_lengthen_what_is_near():
 # --- breaking again
 
 
-@pytest.mark.parametrize("kinematics", ["linear", "finite"])
-def test_restored_bonds_give_the_same_state(kinematics):
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"kinematics": "finite"}, {"poissons_ratio": 0.4}],
+    ids=["linear", "finite", "another ratio"],
+)
+def test_restored_bonds_give_the_same_state(options):
     """The same stored numbers, count, extent, energy, preconditioner and forces; nothing to break is a mistake."""
-    run = followed(strip(kinematics=kinematics), 8)
-    again = failing(strip(kinematics=kinematics))
+    run = followed(strip(**options), 8)
+    again = failing(strip(**options))
     pairs = run.failure.broken_pairs()
     order = np.random.default_rng(1).permutation(len(pairs))
     again.failure.restore(*of_bonds(again.body.model), pairs[order], run.failure.dissipated_digits)
