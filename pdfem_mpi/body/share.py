@@ -88,10 +88,8 @@ class Share:
         What a user should know of the mesh, and of cracks through the overlap.
     mesh_sha256, body_sha256 : str
         Of the mesh's content, and of nodes, cells and regions in model units.
-    probes : dict of Weights
-        What the columns of probes read, by their names; numbers of cells and nodes are the mesh's.
-    selections : Selections
-        Where the deck's loads and supports act, and what its probes of sets read.
+    probes, selections : dict of Weights, Selections
+        What columns of probes read; where the deck's loads and supports act, and what its probes of sets read.
     boundaries : Boundaries or None
         What the fit of bond factors asks of the body, where the deck wants one.
     """

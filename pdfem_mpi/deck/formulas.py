@@ -7,27 +7,19 @@ from __future__ import annotations
 
 import ast
 import math
-import operator
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
-
-import numpy as np
+from collections.abc import Iterator
 
 from pdfem_mpi.deck.table import Problem, did_you_mean, show
 
 LONGEST = 500  # letters of a formula, whose tree is walked by recursion
 VARIABLES = ("x", "y", "z", "f")
 CONSTANTS = {"pi": math.pi, "e": math.e}
-FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan,
-    "atan2": np.arctan2, "sinh": np.sinh, "cosh": np.cosh, "tanh": np.tanh, "sqrt": np.sqrt, "exp": np.exp,
-    "log": np.log, "abs": np.abs, "min": np.minimum, "max": np.maximum,
-}  # fmt: skip
+FUNCTIONS = (
+    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "sqrt", "exp", "log", "abs", "min",
+    "max",
+)  # fmt: skip
 OF_TWO = ("atan2", "min", "max")
-BINARY = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: np.divide, ast.Pow: np.power,
-}  # fmt: skip
-UNARY = {ast.UAdd: operator.pos, ast.USub: operator.neg}
+BINARY, UNARY = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow), (ast.UAdd, ast.USub)
 
 
 class NoFormula(ValueError):
@@ -37,7 +29,7 @@ class NoFormula(ValueError):
 def formula_problems(key: str, text: str) -> list[Problem]:
     """What is wrong with a formula."""
     try:
-        _tree(text)
+        tree_of(text)
     except NoFormula as error:
         return [Problem(key, f"= {show(text)} {error}")]
     return []
@@ -45,22 +37,16 @@ def formula_problems(key: str, text: str) -> list[Problem]:
 
 def names_in(text: str) -> set[str]:
     """Variables that a sound formula names."""
-    return {node.id for node in ast.walk(_tree(text)) if isinstance(node, ast.Name)} & set(VARIABLES)
+    return {node.id for node in ast.walk(tree_of(text)) if isinstance(node, ast.Name)} & set(VARIABLES)
 
 
-def evaluate(text: str, values: Mapping[str, Any]) -> np.ndarray:
-    """The value of a sound formula; what is not finite comes out as such, without a word.
+def tree_of(text: str) -> ast.expr:
+    """The tree of a formula.
 
-    Parameters
-    ----------
-    values : dict of floats or float64 arrays of one shape
-        Of all `VARIABLES`.
+    Raises
+    ------
+    NoFormula
     """
-    with np.errstate(all="ignore"):
-        return np.asarray(_value(_tree(text), values), np.float64)
-
-
-def _tree(text: str) -> ast.expr:
     if len(text) > LONGEST:
         raise NoFormula(f"has {len(text)} letters, and at most {LONGEST} are read. Shorten it.")
     try:
@@ -101,15 +87,3 @@ def _refusals(node: ast.expr) -> Iterator[str]:
 
 def _known() -> str:
     return ", ".join(FUNCTIONS)
-
-
-def _value(node: ast.expr, values: Mapping[str, Any]) -> Any:
-    if isinstance(node, ast.Constant):
-        return np.float64(node.value)
-    if isinstance(node, ast.Name):
-        return CONSTANTS.get(node.id, values.get(node.id))
-    if isinstance(node, ast.BinOp):
-        return BINARY[type(node.op)](_value(node.left, values), _value(node.right, values))
-    if isinstance(node, ast.UnaryOp):
-        return UNARY[type(node.op)](_value(node.operand, values))
-    return FUNCTIONS[node.func.id](*(_value(argument, values) for argument in node.args))

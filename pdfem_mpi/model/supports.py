@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.deck.formulas import evaluate
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import AXES, show
+from pdfem_mpi.model.formula_values import evaluate
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.parts import positions
 from pdfem_mpi.parallel.comm import largest, sum_integers

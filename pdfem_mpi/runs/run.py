@@ -25,7 +25,6 @@ from pdfem_mpi.results.summary_file import sealed, write_summary
 from pdfem_mpi.runs.checkpoints import CheckpointWriter, take_over
 from pdfem_mpi.runs.claimed_folder import ClaimedFolder
 from pdfem_mpi.runs.compilation import not_compiled
-from pdfem_mpi.runs.history_rows import columns_of
 from pdfem_mpi.runs.identity import identity
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.memory_estimate import resident
@@ -34,6 +33,7 @@ from pdfem_mpi.runs.notes import Findings, describe_body, describe_bonds, descri
 from pdfem_mpi.runs.output import Place
 from pdfem_mpi.runs.outputs import Outputs, geometry_of, make_outputs
 from pdfem_mpi.runs.prepare import count_sizes, fit_folders, prepare, warm_up
+from pdfem_mpi.runs.read_columns import all_columns
 from pdfem_mpi.runs.reporter import LoggedReporter, NullReporter, Reporter
 from pdfem_mpi.runs.restart_point import FOLDER as CHECKPOINTS
 from pdfem_mpi.runs.restart_point import Refused, RestartPoint, RunOptions, compare
@@ -230,8 +230,7 @@ class _Run:
             self.scene, geometry, self.claimed.written, sha256(self.deck_text), start.results,
             start.other_fields, note, self._warn,
         )  # fmt: skip
-        columns = columns_of(simulation.failure is not None, self.scene) + simulation.gauges.columns
-        self.outputs = make_outputs(place, columns)
+        self.outputs = make_outputs(place, all_columns(simulation))
         self.outputs.open()
 
     def _memory(self, march: March, before: int) -> dict[str, Any]:

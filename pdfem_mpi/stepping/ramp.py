@@ -37,9 +37,7 @@ def follow_ramp(
 
     Raises
     ------
-    NotConverged, NotFinite
-    Stopped
-        From ``solve.stop_requests``.
+    NotConverged, NotFinite, Stopped
     """
     forces, program = solve.forces, state.program
     relaxation = Relaxation(forces, case.fixed, solve.stop_requests)
@@ -48,8 +46,7 @@ def follow_ramp(
     last = round(settings.end_load_factor / settings.increment)
     for name in ("work", "pull", "peak"):
         program.setdefault(name, 0.0)
-    if case.constant is not None and not program.get("preloaded"):
-        _preload(solve, state, case, watch)
+    _preload(solve, state, case, watch)
     ahead = case.prescribed[case.fixed]
     before = np.empty_like(state.u)
     while state.iteration < last:
@@ -90,12 +87,14 @@ def _norm(model: Model, external: np.ndarray) -> float:
 
 
 def _preload(solve: EquilibriumSolver, state: State, case: LoadCase, watch: Callable) -> None:
-    """Come to rest under the constant loads, before anything grows; their work is the energy stored then. Collective.
+    """Come to rest under constant loads, before anything grows; their work is the energy stored then. Collective.
 
     Raises
     ------
     NotConverged, NotFinite, Stopped
     """
+    if case.constant is None or state.program.get("preloaded"):
+        return
     forces, settings, external = solve.forces, solve.settings, case.forces(0.0)
     common = forces, state, external, case.fixed, settings.tolerance, settings.max_evaluations
     adr.solve(*common, lambda progress: watch(1, progress), solve.stop_requests)

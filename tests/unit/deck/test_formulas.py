@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.formulas import evaluate, formula_problems, names_in
+from pdfem_mpi.deck.formulas import FUNCTIONS, formula_problems, names_in
+from pdfem_mpi.model import formula_values
+from pdfem_mpi.model.formula_values import evaluate
 
 AT = {"x": np.array([0.5, -2.0]), "y": np.array([3.0, 0.25]), "z": np.array([1.0, 7.0]), "f": 0.5}
 
@@ -69,4 +71,6 @@ def test_what_is_not_finite_comes_out_as_such():
 
 
 def test_names():
+    """Those of variables; every function has its meaning."""
+    assert set(FUNCTIONS) == set(formula_values.FUNCTIONS)
     assert names_in("x * f + pi * sin(z)") == {"x", "f", "z"}

@@ -13,6 +13,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import AXES
 from pdfem_mpi.model.gauges import Gauge, gauge_of
 from pdfem_mpi.model.model import Model
+from pdfem_mpi.runs.history_rows import columns_of
 from pdfem_mpi.stepping import Report
 
 
@@ -50,6 +51,11 @@ class Gauges:
             for axis, force in zip(AXES, report.of_supports[number].tolist(), strict=True):
                 found[f"{name}.force_{axis}"] = force * self.units.force
         return found
+
+
+def all_columns(simulation: Any) -> tuple[str, ...]:
+    """Names of all columns of history.csv, of a simulation."""
+    return columns_of(simulation.failure is not None, simulation.scene) + simulation.gauges.columns
 
 
 def make_gauges(scene: Scene, share: Share, model: Model) -> Gauges:
