@@ -23,18 +23,20 @@ def deck_schema() -> dict[str, Any]:
     It knows keys, types, ranges and words; what holds between keys, `pdfem check` says.
     """
     raw = Scene.model_json_schema(ref_template="#/definitions/{model}")
-    definitions = raw.pop("$defs")
-    models = {model.__name__: model for field in Scene.model_fields.values() for model in models_of(field.annotation)}
-    tables = {name: _table(definitions[name], model) for name, model in sorted(models.items())}
+    definitions, models = raw.pop("$defs"), {model.__name__: model for model in _all_tables(Table)}
+    tables = {name: _table(table, models[name]) for name, table in sorted(definitions.items())}
     scene = _table(raw, Scene)
-    for name, properties in scene["properties"].items():
-        kinds = models_of(Scene.model_fields[name].annotation)
-        if kinds and "description" not in properties and "$ref" not in properties:
-            properties["description"] = _first_sentence(kinds[0]) if len(kinds) == 1 else _of_kinds(kinds)
-        for model in kinds[1:]:  # the first is the one that a table without `kind` is
-            required = tables[model.__name__].setdefault("required", [])
-            tables[model.__name__]["required"] = sorted({*required, "kind"})
+    for model in (Scene, *(models[name] for name in tables)):
+        for field in model.model_fields.values():
+            for kind in models_of(field.annotation)[1:]:  # the first is the one that a table without `kind` is
+                if "kind" in kind.model_fields:
+                    table = tables[kind.__name__]
+                    table["required"] = sorted({*table.get("required", ()), "kind"})
     return {"$schema": DRAFT, "title": "A deck of pdfem_mpi", **scene, "definitions": tables}
+
+
+def _all_tables(model: type[Table]) -> list[type[Table]]:
+    return [one for child in model.__subclasses__() for one in (child, *_all_tables(child))]
 
 
 def describe_keys(model: type[Table]) -> dict[str, str]:
@@ -58,9 +60,11 @@ def _table(raw: dict[str, Any], model: type[Table]) -> dict[str, Any]:
     for name, properties in table["properties"].items():
         field = model.model_fields[name]
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
-        if "$ref" in properties or models_of(field.annotation):
+        if "$ref" in properties:
             continue
-        if text := words.get(name) or extra.get("remedy") or (name == "kind" and "Which table this is."):
+        if kinds := models_of(field.annotation):
+            properties["description"] = words.get(name) or _of_kinds(kinds)
+        elif text := words.get(name) or extra.get("remedy") or (name == "kind" and "Which table this is."):
             properties["description"] = str(text)
     return table
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pdfem_mpi.measure.body_fields import cell_damage, cell_fields, corner_displacements
 from pdfem_mpi.measure.fields import Fields
-from pdfem_mpi.runs.frames import Arrays, FramesOutput, fields_of_points, write_cells
+from pdfem_mpi.runs.frames import Arrays, FramesOutput, by_part, fields_of_points, write_cells
 from pdfem_mpi.runs.output import Place
 
 BODY_FILE = "body.vtkhdf"
@@ -31,7 +31,7 @@ class BodyFrames(FramesOutput):
         geometry = self.place.geometry
         on_cells = {name: values for name, values in cell_fields(geometry, fields).items() if name in self.names}
         if damage is not None:
-            on_cells["damage"] = cell_damage(geometry, damage)
+            on_cells |= {name: cell_damage(geometry, values) for name, values in by_part(damage).items()}
         moved = {"displacement": corner_displacements(geometry, fields)} if "displacement" in self.names else {}
         return moved, on_cells
 

@@ -13,6 +13,7 @@ from pdfem_mpi.peridynamics.fit.fit import EXPECTED_SWEEPS, SWEEP_RATE
 from pdfem_mpi.runs.memory_estimate import show_bytes
 from pdfem_mpi.runs.memory_report import features_of
 from pdfem_mpi.runs.prepare import count_sizes, describe_mirrors, prepare, warm_up
+from pdfem_mpi.runs.softening_notes import describe_softening, softening_of, softening_warnings
 from pdfem_mpi.runs.understanding import describe, understand
 
 
@@ -34,6 +35,8 @@ def check_scene(scene: Scene, comm, ranks: int | None = None) -> dict[str, str]:
         raise SceneError([too_many_ranks(ranks, share.counts.cells)])
     warm_up(comm, features_of(scene))
     found = understand(scene, share, comm)
+    softening = softening_of(scene, share)
+    warnings = [text.removeprefix("warning: ") for text in softening_warnings(scene, softening)]
     sizes, quality = count_sizes(share, None), share.quality
     bonds, total = sum_integers(comm, np.array([int(need.bonds), int(need.bytes)]))
     return {
@@ -47,6 +50,8 @@ def check_scene(scene: Scene, comm, ranks: int | None = None) -> dict[str, str]:
         "elements": f"{sizes['elements']}",
         "points": f"{sizes['points']}",
         "undirected bonds, about": f"{bonds:.3g}",
+        **dict(describe_softening(scene, softening)),
+        **({"of bonds that soften": "; ".join(warnings)} if warnings else {}),
         "memory, about": f"{show_bytes(total)} in all, of the largest rank "
         f"{show_bytes(float(largest(comm, np.array([need.bytes]))[0]))}",
         **_fit_cost(scene, bonds, comm.size),

@@ -90,7 +90,7 @@ class FramesOutput(Output):
             {name: found[name] for name in self.names if name in found} for found in self.pick(fields)
         )
         if damage is not None and self.has_damage:
-            on_points["damage"] = damage
+            on_points |= by_part(damage)
         return on_points, on_cells
 
     def _append(self) -> None:
@@ -103,6 +103,11 @@ class FramesOutput(Output):
         numbers = {name: columns[column] for column, name in NUMBERS.items() if column in columns}
         vtkhdf.append_frame(self.path, self.row, *self.arrays(fields, damage), numbers, self.digest)
         self._waiting = None
+
+
+def by_part(damage: np.ndarray) -> Arrays:
+    """Local damage, and where bonds soften its parts, by the names of the fields."""
+    return dict(zip(("damage", "softened", "gone"), damage.reshape(len(damage), -1).T, strict=False))
 
 
 def fields_of_points(fields: Fields) -> tuple[Arrays, Arrays]:

@@ -20,6 +20,7 @@ from pdfem_mpi.parallel.comm import agree, broadcast, node_communicator, sum_int
 from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.runs.compilation import compile_kernels
 from pdfem_mpi.runs.memory_estimate import Need, check_mesh, check_model
+from pdfem_mpi.runs.softening_notes import softening_of
 
 
 def warm_up(comm, features: Collection[str] | None = None) -> None:
@@ -49,6 +50,7 @@ def prepare(scene: Scene, comm) -> tuple[Share, Need]:
         On all ranks.
     """
     share = cut_share(scene, comm)
+    softening_of(scene, share)  # refuses strengths and energies that do not go with the internal length
     return share, check_model(scene, share, comm)
 
 

@@ -18,10 +18,11 @@ from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.model.forces import Forces
-from pdfem_mpi.model.loads import LoadCase, make_load_case, resultant_of
+from pdfem_mpi.model.loads import LoadCase, make_load_case
 from pdfem_mpi.model.model import Model, build_model
 from pdfem_mpi.model.motions import name_motion
 from pdfem_mpi.model.parts import describe_unsupported
+from pdfem_mpi.model.resultants import resultant_of
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.parallel.sums import exact_dots
@@ -133,15 +134,17 @@ def _supports(scene: Scene, share: Share, found: Understood) -> Iterator[tuple[s
     unit = f" {scene.units.length}" if scene.units.length else ""
     for index, support in enumerate(scene.supports):
         counts = sum_integers(share.comm, np.array([len(held) for held in found.case.held[index]]))
-        amounts = [
-            f"{axis} = {getattr(support, axis):.6g}{unit} at {count:,} points and nodes"
-            for axis, count in zip("xyz", counts.tolist(), strict=True)
-            if getattr(support, axis) is not None
-        ]
+        amounts = []
+        for axis, count in zip("xyz", counts.tolist(), strict=True):
+            amount = getattr(support, axis, None)
+            if amount is not None or count:
+                number = isinstance(amount, int | float)
+                told = f" = {amount:.6g}{unit}" if number else f" = {amount}" if amount is not None else ""
+                amounts.append(f"{axis}{told} at {count:,} points and nodes")
         cells = np.zeros(len(share.mesh.cells), bool)
         cells[share.selections.supports[index].cells] = True
         place = _box_of(share, cells & share.is_owned, None, scene)
-        yield f"supports.{index}", f"{', '.join(amounts) or 'prescribes nothing'}; in cells {place}"
+        yield f"supports.{index}", f"{', '.join(amounts)}; in cells {place}"
 
 
 def _free_motions(scene: Scene, share: Share, case: LoadCase) -> str:
