@@ -7,7 +7,7 @@ their equations. Such a scene gets the correction by the virial stress instead, 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.fitted_bodies import meets_another
 from pdfem_mpi.body.share import Subdomain
-from pdfem_mpi.kernels.hex8 import gauss_positions
+from pdfem_mpi.kernels.hex8 import gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.monomials import N
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.mesh.quality import CORNERS
@@ -25,6 +25,7 @@ from pdfem_mpi.parallel.slabs import gather_rows
 from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.fit import cache as factor_cache
 from pdfem_mpi.peridynamics.fit.areas import Boundary, area_vectors, find_boundary, restore_compatibility
+from pdfem_mpi.peridynamics.fit.dilatation import DilatationFit, fit_dilatation
 from pdfem_mpi.peridynamics.fit.equations import fit_factors, write_factors
 from pdfem_mpi.peridynamics.fit.grid import MOST_ENTRIES, make_factor_grid
 from pdfem_mpi.peridynamics.fit.outcome import Fit
@@ -59,6 +60,8 @@ class BodyFit:
     fingerprint : str
     n_bodies : int
         Fitted each by itself.
+    dilatation : DilatationFit or None
+        Of the volumetric part, where there is one.
     """
 
     fit: Fit | None
@@ -66,6 +69,7 @@ class BodyFit:
     reused: bool
     fingerprint: str
     n_bodies: int
+    dilatation: DilatationFit | None = None
 
 
 def fit_body(
@@ -88,7 +92,7 @@ def fit_body(
         Where fits are looked for and left; used on rank 0.
     """
     mesh, materials = discretization.mesh, discretization.materials
-    key = fingerprint(discretization, signs, bonds.finite)
+    key = fingerprint(discretization, signs, bonds.finite, bonds.volumetric is not None)
     if len(discretization.thin):
         where = ", ".join(f"{c:.6g}" for c in mesh.centroids[discretization.thin[0]])
         note = (
@@ -106,11 +110,12 @@ def fit_body(
         multipliers = [
             np.ascontiguousarray(rows.reshape(-1, 2, W, N)[number].swapaxes(2, 3)).reshape(-1, N, W) for rows in stored
         ]
-        bonds = write_factors(comm, points, bonds, materials.youngs_modulus, multipliers, signs == "bounded")
-        return bonds, _outcome(Fit(**report), True, key, discretization.n_bodies)
+        bonds = write_factors(comm, points, bonds, materials.own_bond_modulus, multipliers, signs == "bounded")
+        outcome = _outcome(Fit(**report), True, key, discretization.n_bodies)
+        return _with_dilatation(comm, discretization, cells, points, bonds, outcome)
 
     boundary = find_boundary(mesh, discretization.nodes, discretization.body)
-    areas, change = compatible_areas(discretization, boundary)
+    areas, change = compatible_areas(discretization, boundary, bonds.volumetric is not None)
     slack = np.zeros((len(mesh.cells), 8), bool)
     if signs == "bounded":
         slack[skewed_corners(discretization, boundary)] = True
@@ -120,14 +125,34 @@ def fit_body(
         return list(_make_grids(comm, discretization, cells, points, slack, omega))
 
     bonds, fit, multipliers = fit_factors(
-        comm, points, bonds, materials.youngs_modulus, areas[cells].reshape(-1, 3), slack, signs == "bounded",
+        comm, points, bonds, materials.own_bond_modulus, areas[cells].reshape(-1, 3), slack, signs == "bounded",
         make_grids, change,
     )  # fmt: skip
     if folders:
         stored = _gathered(comm, points.cell_number[: points.n_owned], multipliers, discretization.n_point_cells)
         if stored is not None:
             factor_cache.store(folders, key, asdict(fit), stored)
-    return bonds, _outcome(fit, False, key, discretization.n_bodies)
+    outcome = _outcome(fit, False, key, discretization.n_bodies)
+    return _with_dilatation(comm, discretization, cells, points, bonds, outcome)
+
+
+def _with_dilatation(
+    comm, discretization: Discretization, cells: np.ndarray, points: Points, bonds: Bonds, outcome: BodyFit
+) -> tuple[Bonds, BodyFit]:
+    """Fit the weights of the dilatation too, where there is a volumetric part and factors that serve. Collective."""
+    if bonds.volumetric is None or outcome.fit is None:
+        return bonds, outcome
+    boundary = find_boundary(discretization.mesh, discretization.nodes, discretization.body)
+    areas, _ = compatible_areas(discretization, boundary, True)
+    modulus = discretization.materials.own_bond_modulus
+    bonds, found = fit_dilatation(comm, points, bonds, modulus, areas[cells].reshape(-1, 3))
+    notes = outcome.notes
+    if found.residual > POOR:
+        notes += (
+            f"the fit of the dilatation stops at a residual of {found.residual:.2g} after {found.iterations} "
+            "iterations: uniform strains balance to about this.",
+        )
+    return bonds, replace(outcome, notes=notes, dilatation=found)
 
 
 def _gathered(comm, number: np.ndarray, multipliers: list[np.ndarray], n_cells: int) -> np.ndarray | None:
@@ -195,11 +220,12 @@ def _remarks(fit: Fit) -> tuple[str, ...]:
     return tuple(remarks)
 
 
-def fingerprint(discretization: Discretization, signs: str, finite: bool) -> str:
+def fingerprint(discretization: Discretization, signs: str, finite: bool, volumetric: bool = False) -> str:
     """Hexadecimal name of a fit: everything it depends on. The units of stress and length are not among it."""
     mesh, chosen = discretization.mesh, discretization.has_points
-    digest = hashlib.sha256(f"{VERSION} {signs} {finite} {discretization.cutoff!r}".encode())
-    moduli = discretization.youngs_modulus[chosen]
+    more = " volumetric" if volumetric else ""  # other area vectors
+    digest = hashlib.sha256(f"{VERSION} {signs} {finite} {discretization.cutoff!r}{more}".encode())
+    moduli = discretization.materials.own_bond_modulus[discretization.material[chosen]]
     digest.update(np.unique(moduli).tobytes() if discretization.n_bodies == 1 else moduli.tobytes())
     digest.update(np.ascontiguousarray(discretization.body[chosen]).tobytes())
     digest.update(np.ascontiguousarray(discretization.nodes[mesh.cells[chosen]]).tobytes())
@@ -217,7 +243,9 @@ def _beside_others(discretization: Discretization) -> np.ndarray:
     return discretization.has_points & touch
 
 
-def compatible_areas(discretization: Discretization, boundary: Boundary) -> tuple[np.ndarray, float]:
+def compatible_areas(
+    discretization: Discretization, boundary: Boundary, volumetric: bool = False
+) -> tuple[np.ndarray, float]:
     """Area vectors of all cells' points, shape (n_cells, 8, 3), model units; and the largest change a body needed.
 
     Those beside cells without points, or of another body, stay: there the nodal forces are the same integrals. Where
@@ -231,16 +259,24 @@ def compatible_areas(discretization: Discretization, boundary: Boundary) -> tupl
         x = gauss_positions(discretization.nodes[discretization.mesh.cells[cells]]).reshape(-1, 3)
         own = areas[cells].reshape(-1, 3)
         used = (own != 0.0).any(axis=1)
+        moments = _moments(discretization, number) if volumetric else None
         changeable = np.repeat(~beside[cells], 8)[used]
-        changed, change = restore_compatibility(x[used], own[used], np.ones(len(changeable), bool))
+        changed, change = restore_compatibility(x[used], own[used], np.ones(len(changeable), bool), moments)
         if change and changeable.any():
-            of_free, more = restore_compatibility(x[used], own[used], changeable)
+            of_free, more = restore_compatibility(x[used], own[used], changeable, moments)
             if more <= DEARER * change:
                 changed, change = of_free, more
         own[used] = changed
         areas[cells] = own.reshape(-1, 8, 3)
         largest_change = max(largest_change, change)
     return areas, largest_change
+
+
+def _moments(discretization: Discretization, number: int) -> np.ndarray:
+    """Volume and first moments of the points of a body, model units; float64, shape (4,)."""
+    corners = discretization.nodes[discretization.mesh.cells[discretization.body == number]]
+    w, x = gauss_volumes(corners).reshape(-1), gauss_positions(corners).reshape(-1, 3)
+    return np.append(w.sum(), w @ x)
 
 
 def skewed_corners(discretization: Discretization, boundary: Boundary) -> np.ndarray:
