@@ -1,46 +1,41 @@
 """From the scene and its mesh to collocation points, finite elements and their overlap, in model units.
 
 The discretization is global and the same on every rank: about 150 bytes a cell, against 20,000 bytes of bonds of a
-peridynamic cell. What a rank keeps of it is cut out in ``model.py``.
+peridynamic cell. It ends in this folder: what a rank keeps of it is its `share.Share`, and nothing above sees more.
 
 **Model units.** Lengths are in units of the internal length ``l`` (without peridynamics: of the mean edge), measured
 from the centre of the bounding box, stresses in units of the default material's Young's modulus. Numbers stored in
 single precision then do not depend on the deck's units, and a body far from the origin loses nothing after this
-subtraction.
+subtraction (`model_units`).
 """
 
 from __future__ import annotations
 
+import hashlib
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pdfem_mpi.body.fitted_bodies import FittedBodies, find_fitted_bodies, same_bonds
 from pdfem_mpi.body.materials import MaterialTable, material_table
 from pdfem_mpi.body.meshing import check_folded, describe_folded, make_mesh
+from pdfem_mpi.body.model_units import ModelUnits, quantum_for
 from pdfem_mpi.body.overlap import check_cracks, check_joints, check_overlap_materials, find_overlap
 from pdfem_mpi.body.regions import assign_regions
 from pdfem_mpi.deck.meshes import FileMesh, PlateWithHoleMesh
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors, mirrors_at
 from pdfem_mpi.mesh.quality import Quality, folded_cells, measure
+from pdfem_mpi.parallel.comm import largest, report_progress, sum_integers
 
-
-@dataclass(frozen=True)
-class ModelUnits:
-    """One model unit of length and of stress, in the deck's units, and the deck's position of the model's origin."""
-
-    length: float
-    stress: float
-    origin: np.ndarray
-
-    @property
-    def force(self) -> float:
-        """One model unit of force, in the deck's."""
-        return self.stress * self.length**2
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
 
 
 @dataclass(frozen=True)
@@ -72,14 +67,14 @@ class Discretization:
         Cells at which a body whose factors should be fitted is too thin for it.
     has_stiffness : bool, shape (n_cells,)
         Cells whose element has an internal force (eqs 15, 16).
-    point_cell_number : int64, shape (n_cells,)
-        Number of a cell among the cells with points, else -1; its points are ``8 number + g``.
-    node_number : int64, shape (n_nodes,)
-        Number of a node among the nodes of elements and overlap, else -1.
+    carries : bool, shape (n_nodes,)
+        Nodes that carry unknowns: those of elements and overlap.
     cutoff : float
         Guarded cutoff radius in model units; 0 without peridynamics.
     mirrors : Mirrors
         Mirror planes in model units.
+    has_cycle : bool
+        Equilibria are found by conjugate gradients, whose preconditioner works on every cell.
     """
 
     mesh: HexMesh
@@ -95,10 +90,10 @@ class Discretization:
     body: np.ndarray
     thin: np.ndarray
     has_stiffness: np.ndarray
-    point_cell_number: np.ndarray
-    node_number: np.ndarray
+    carries: np.ndarray
     cutoff: float
     mirrors: Mirrors
+    has_cycle: bool = False
 
     @property
     def n_point_cells(self) -> int:
@@ -113,7 +108,22 @@ class Discretization:
     @property
     def n_nodes(self) -> int:
         """Number of nodes that carry unknowns."""
-        return int(np.count_nonzero(self.node_number >= 0))
+        return int(np.count_nonzero(self.carries))
+
+    @property
+    def point_row(self) -> np.ndarray:
+        """Number of each cell among the cells with points, by which result files are ordered; else -1; int64."""
+        return _number(self.has_points)
+
+    @property
+    def free_row(self) -> np.ndarray:
+        """The same among the cells with free points, by which checkpoints are ordered; int64, shape (n_cells,)."""
+        return _number(self.has_points & ~self.is_overlap)
+
+    @property
+    def node_row(self) -> np.ndarray:
+        """Number of each node among the nodes with unknowns; else -1; int64, shape (n_nodes,)."""
+        return _number(self.carries)
 
     @property
     def youngs_modulus(self) -> np.ndarray:
@@ -146,19 +156,28 @@ class Discretization:
         folded[folded_cells(self.mesh)] = True
         return (*self.mesh.notes, f"warning: {describe_folded(self.mesh, folded)}: results near them are poor.")
 
+    def sha256(self) -> str:
+        """Digest of the nodes in model units, the cells and their regions."""
+        total = hashlib.sha256()
+        for array in (self.nodes, self.mesh.cells, self.region):
+            total.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
+        return total.hexdigest()
+
     @property
     def has_nodes(self) -> np.ndarray:
         """Cells with nodes that carry unknowns: elements and overlap; bool, shape (n_cells,)."""
         return self.has_stiffness | self.is_overlap
 
 
-def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
+def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None = None) -> Discretization:
     """Decide what every cell of the scene's mesh carries.
 
     Parameters
     ----------
     mesh : HexMesh, optional
         What `make_mesh` gave; made here, if not given.
+    comm : Intracomm, optional
+        Ranks that share the work; collective then.
 
     Raises
     ------
@@ -167,24 +186,25 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         where two Poisson's ratios meet, bodies that cannot be fitted.
     """
     mesh = make_mesh(scene) if mesh is None else mesh
-    quality = measure(mesh)
+    quality = _measure(mesh, comm)
+    report_progress()
     region = assign_regions(scene, mesh)
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
     materials = material_table(scene)
     material = np.array([materials.names.index(r.material) for r in scene.regions], np.int16)[region]
     bodies = _find_bodies(scene, mesh, peridynamic, materials, material)
     is_overlap, has_points = bodies.is_overlap, bodies.number >= 0
+    report_progress()
     check_folded(mesh, quality, has_points)
     check_overlap_materials(scene, mesh, region, materials.poissons_ratio[material], is_overlap, has_points)
     keeps_both = scene.coupling.kind == "paper_a"
     has_stiffness = ~peridynamic & (keeps_both | ~is_overlap)
 
+    length, cutoff_radius, quantum = mesh.mean_edge, 0.0, 0.0
     if has_points.any():
         length, cutoff_radius = scene.peridynamics.lengths(_cell_edge(scene, mesh))
-        cutoff = cutoff_radius / length * (1.0 + CUTOFF_GUARD)
-    else:
-        length, cutoff = mesh.mean_edge, 0.0
-    units = ModelUnits(length, scene.material.youngs_modulus, 0.5 * (mesh.lower + mesh.upper))
+        quantum = quantum_for(mesh.lower, mesh.upper, length) if scene.can_fail else 0.0
+    units = ModelUnits(length, scene.material.youngs_modulus, 0.5 * (mesh.lower + mesh.upper), quantum)
 
     carries = np.zeros(len(mesh.nodes), bool)
     carries[mesh.cells[has_stiffness | is_overlap]] = True
@@ -192,21 +212,36 @@ def discretize(scene: Scene, mesh: HexMesh | None = None) -> Discretization:
         mesh=mesh,
         quality=quality,
         units=units,
-        nodes=(mesh.nodes - units.origin) / length,
+        nodes=units.places(mesh.nodes),
         region=region,
         material=material,
-        materials=materials,
+        materials=materials.rounded(units),
         is_peridynamic=peridynamic,
         has_points=has_points,
         is_overlap=is_overlap,
         body=bodies.number,
         thin=bodies.thin,
         has_stiffness=has_stiffness,
-        point_cell_number=_number(has_points),
-        node_number=_number(carries),
-        cutoff=cutoff,
-        mirrors=mirrors_at(scene.mesh.symmetry, *(np.array([mesh.lower, mesh.upper]) - units.origin) / length),
+        carries=carries,
+        cutoff=units.numbers(cutoff_radius / length) * (1.0 + CUTOFF_GUARD),
+        mirrors=mirrors_at(scene.mesh.symmetry, *units.places(np.array([mesh.lower, mesh.upper]))),
+        has_cycle=scene.has_cycle,
     )
+
+
+def _measure(mesh: HexMesh, comm: Intracomm | None) -> Quality:
+    """Quality of all cells, each rank measuring a block of them; errors are those of the whole mesh."""
+    if comm is None or comm.size == 1:
+        return measure(mesh)
+    n, found = len(mesh.cells), None
+    with suppress(SceneError):
+        found = measure(HexMesh(mesh.nodes, mesh.cells[n * comm.rank // comm.size : n * (comm.rank + 1) // comm.size]))
+    if sum_integers(comm, np.array([found is None]))[0]:
+        return measure(mesh)
+    low = largest(comm, -np.array([found.shortest_edge, found.smallest_scaled_jacobian, found.smallest_gauss_volume]))
+    (longest,) = largest(comm, np.array([found.longest_edge])).tolist()
+    shortest, jacobian, volume = (-low).tolist()
+    return Quality(shortest, longest, jacobian, volume)
 
 
 def _find_bodies(
@@ -242,7 +277,9 @@ def _cell_edge(scene: Scene, mesh: HexMesh) -> float:
     """The paper's Delta: graded cells of a plate are "approximately" as wide as its spacing (sec. 4.2)."""
     if isinstance(scene.mesh, FileMesh):
         return mesh.average_edge if scene.mesh.spacing is None else scene.mesh.spacing
-    return scene.mesh.spacing if isinstance(scene.mesh, PlateWithHoleMesh) else mesh.largest_edge
+    if isinstance(scene.mesh, PlateWithHoleMesh) or scene.can_fail:
+        return scene.mesh.spacing  # of a box within 1e-6, and no difference of places far from the origin
+    return mesh.largest_edge
 
 
 def _number(chosen: np.ndarray) -> np.ndarray:

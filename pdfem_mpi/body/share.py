@@ -1,190 +1,273 @@
-"""A rank's share of the discretization: which cells and nodes it owns, and which it sees as ghosts.
+"""A rank's share of the body: all that later stages see of it.
 
-The unit of the partition is the cell: its points and its element live on one rank. A node belongs to the owner of
-its lowest-numbered cell. Ghost cells are those within the cutoff radius of an owned cell, ghost nodes those of
-owned elements and overlap cells that another rank owns.
+A share holds the rank's cells, the cells that share a node with one of them, and those with a point within the cutoff
+radius; all in the order of the mesh. Sums at a node of the rank, and over the bonds of its points, can so be made whole
+on this rank, term by term in the order of the mesh: their bits do not depend on the number of ranks.
+
+Cells and nodes are known on all ranks by their numbers in the mesh; points are ``8 * cell + g``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.kernels.hex8 import gauss_positions
-from pdfem_mpi.parallel.bisection import bisect
+from pdfem_mpi.body.boundaries import Boundaries
+from pdfem_mpi.body.counts import Counts, count
+from pdfem_mpi.body.discretization import Discretization, discretize
+from pdfem_mpi.body.materials import MaterialTable
+from pdfem_mpi.body.model_units import ModelUnits
+from pdfem_mpi.body.overlap import describe_cracked_overlap
+from pdfem_mpi.body.selection import Selections, select_places
+from pdfem_mpi.body.subdomain import (
+    Subdomain,
+    count_neighbours,
+    cut_out,
+    locality_order,
+    node_owners,
+    partition,
+    split_nodes,
+)
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.mesh.hexmesh import HexMesh
+from pdfem_mpi.mesh.mirrors import Mirrors
+from pdfem_mpi.mesh.part import MeshPart, take_part
+from pdfem_mpi.mesh.quality import Quality
+from pdfem_mpi.parallel.comm import broadcast, sum_integers
+from pdfem_mpi.parallel.sums import exact_dots
 
-#: Cost of a bond sweep over the neighbour cells of a peridynamic cell, per neighbour, and of one element; units of ns.
-NEIGHBOUR_COST, ELEMENT_COST = 40, 60
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
 
 
 @dataclass(frozen=True)
-class Subdomain:
-    """Local cells and nodes of one rank; all numbers are global cell and node indices of the mesh.
+class Share:
+    """What a rank knows of the body. Rows of arrays are the cells and nodes of ``mesh``, which has their numbers.
 
     Attributes
     ----------
-    free, overlap, ghosts : int64
-        Owned cells with free points, owned overlap cells, ghost cells with points. Points are stored in this order.
-    ghost_owner : int32, shape (n_ghosts,)
-    images : int64
-        Owned cells and ghosts whose mirror images lie within the cutoff radius; a cell may have several.
-    reflection : int64, shape (n_images,)
-        Number, from 1, of the reflection among `Discretization.reflections`.
-    elements : int64
-        Owned cells whose elements have an internal force.
-    owned_nodes, ghost_nodes : int64
-        Nodes that carry unknowns, owned ones first wherever nodes are stored.
-    ghost_node_owner : int32
+    comm : Intracomm
+    mesh : MeshPart
+        In the deck's units.
+    subdomain : Subdomain
+        Of places among the share's cells and nodes.
+    cell_owner : int32, shape (n_cells,)
+    units, materials : ModelUnits, MaterialTable
+    nodes : float64, shape (n_nodes, 3)
+    lower, upper : float64, shape (3,)
+        Positions in model units, and corners of the whole body's box.
+    region, material : int16, shape (n_cells,)
+    is_peridynamic, has_points, is_overlap, has_stiffness : bool, shape (n_cells,)
+        As in `Discretization`.
+    body : int32, shape (n_cells,)
+    point_row, element_row : int64, shape (n_cells,)
+        Number of a cell among those with points, or with nodes, of the whole body, as in result files; else -1.
+    free_row : int64, shape (n_cells,)
+        The same among the cells with free points, by which checkpoints are ordered.
+    node_row : int64, shape (n_nodes,)
+        Number of a node among the nodes with unknowns of the whole body; else -1.
+    cutoff : float
+        Guarded cutoff radius in model units; 0 without peridynamics.
+    mirrors : Mirrors
+        Mirror planes in model units.
+    reflections : two float64 arrays, shape (n, 3)
+        Signs and shifts of those that bring an image within the cutoff radius of the body.
+    counts : Counts
+    typical_edge : float
+        Of cells taken as cubes: the median over the body, model units.
+    joint_regions, overlap_regions : int64
+        Regions with peridynamic cells that follow nodes, and those with overlap cells; rising.
+    quality : Quality
+        Of the whole mesh.
+    notes, crack_notes : tuple of str
+        What a user should know of the mesh, and of cracks through the overlap.
+    mesh_sha256, body_sha256 : str
+        Of the mesh's content, and of nodes, cells and regions in model units.
+    selections : Selections
+        Where the deck's loads and supports act, and what its probes of sets read.
+    boundaries : Boundaries or None
+        What the fit of bond factors asks of the body, where the deck wants one.
     """
 
-    free: np.ndarray
-    overlap: np.ndarray
-    ghosts: np.ndarray
-    ghost_owner: np.ndarray
-    images: np.ndarray
-    reflection: np.ndarray
-    elements: np.ndarray
-    owned_nodes: np.ndarray
-    ghost_nodes: np.ndarray
-    ghost_node_owner: np.ndarray
+    comm: Intracomm
+    mesh: MeshPart
+    subdomain: Subdomain
+    cell_owner: np.ndarray
+    units: ModelUnits
+    nodes: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    region: np.ndarray
+    material: np.ndarray
+    materials: MaterialTable
+    is_peridynamic: np.ndarray
+    has_points: np.ndarray
+    is_overlap: np.ndarray
+    has_stiffness: np.ndarray
+    body: np.ndarray
+    point_row: np.ndarray
+    free_row: np.ndarray
+    element_row: np.ndarray
+    node_row: np.ndarray
+    cutoff: float
+    mirrors: Mirrors
+    reflections: tuple[np.ndarray, np.ndarray]
+    counts: Counts
+    typical_edge: float
+    joint_regions: np.ndarray
+    overlap_regions: np.ndarray
+    quality: Quality
+    notes: tuple[str, ...]
+    crack_notes: tuple[str, ...]
+    mesh_sha256: str
+    body_sha256: str
+    selections: Selections
+    boundaries: Boundaries | None
 
     @property
-    def point_cells(self) -> np.ndarray:
-        """Cell of each local cell with points, in the order they are stored in; int64."""
-        return np.concatenate([self.free, self.overlap, self.ghosts, self.images])
+    def is_owned(self) -> np.ndarray:
+        """Cells of this rank; bool, shape (n_cells,)."""
+        return self.cell_owner == self.comm.rank
+
+    @property
+    def has_nodes(self) -> np.ndarray:
+        """Cells with nodes that carry unknowns: elements and overlap; bool, shape (n_cells,)."""
+        return self.has_stiffness | self.is_overlap
+
+    @property
+    def own_point_rows(self) -> np.ndarray:
+        """``point_row`` of the rank's cells with points, in the order they are stored in; int64."""
+        return self.point_row[np.concatenate([self.subdomain.free, self.subdomain.overlap])]
+
+    @property
+    def own_node_rows(self) -> np.ndarray:
+        """``node_row`` of the rank's nodes, in the order they are stored in; int64."""
+        return self.node_row[self.subdomain.owned_nodes]
+
+    @property
+    def youngs_modulus(self) -> np.ndarray:
+        """Young's modulus of each cell in model units; float64, shape (n_cells,)."""
+        return self.materials.youngs_modulus[self.material]
+
+    @property
+    def poissons_ratio(self) -> np.ndarray:
+        """Poisson's ratio of each cell; float64, shape (n_cells,)."""
+        return self.materials.poissons_ratio[self.material]
+
+    @property
+    def plane_components(self) -> np.ndarray:
+        """Displacement components of nodes that mirror planes hold; bool, shape (n_nodes, 3)."""
+        return self.mirrors.normal_components(self.nodes, self.mesh.tolerance / self.units.length)
+
+    def exact_sums(self, terms: Iterable[np.ndarray]) -> np.ndarray:
+        """Sums over all ranks of numbers of owned cells or nodes, each rounded once; float64. Collective."""
+        return exact_dots(self.comm, [(x, np.ones_like(x)) for x in terms])
+
+    def any(self, cells: np.ndarray) -> bool:
+        """Whether some of the cells, bool (n_cells,), exist on any rank. Collective."""
+        return bool(sum_integers(self.comm, np.array([np.count_nonzero(cells & self.is_owned)]))[0])
+
+    def average_edge(self, cells: np.ndarray) -> float:
+        """Mean over the twelve edges of all ranks' chosen cells, bool (n_cells,), dimension length. Collective."""
+        edges = HexMesh(self.mesh.nodes, self.mesh.cells[cells & self.is_owned]).edges()
+        return float(self.exact_sums([edges])[0]) / int(sum_integers(self.comm, np.array([edges.size]))[0])
+
+    def with_elements_everywhere(self) -> Share:
+        """The same cells on the same ranks, each of them a finite element and nothing else."""
+        mesh, rank, owned = self.mesh, self.comm.rank, self.is_owned
+        everywhere = np.ones(len(mesh.cells), bool)
+        owner_of_node = node_owners(mesh, everywhere, self.cell_owner)
+        owned_nodes, ghost_nodes = split_nodes(mesh, owner_of_node, owned, rank)
+        order, none = locality_order(mesh), np.empty(0, np.int64)
+        elements, ghost_owner = order[owned[order]], owner_of_node[ghost_nodes]
+        no_points = none, none, none, none.astype(np.int32), none, none
+        return replace(
+            self,
+            subdomain=Subdomain(*no_points, elements, owned_nodes, ghost_nodes, ghost_owner),
+            has_points=~everywhere,
+            is_overlap=~everywhere,
+            has_stiffness=everywhere,
+            body=np.full(len(everywhere), -1, np.int32),
+            node_row=mesh.node_id,
+        )
 
 
-def partition(discretization: Discretization, n_parts: int) -> np.ndarray:
-    """Owner of every cell of the mesh: recursive bisection, cells weighted by the cost of a force evaluation.
+def share_of(scene: Scene, comm: Intracomm, mesh: HexMesh | None = None) -> Share:
+    """This rank's share of a scene's body; see `discretize`. Collective."""
+    return make_share(scene, discretize(scene, mesh, comm), comm)
 
-    Returns
-    -------
-    int32, shape (n_cells,)
+
+def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
+    """Cut a rank's share out of the whole body. Collective.
 
     Raises
     ------
     SceneError
-        More parts than cells.
+        More ranks than cells.
     """
-    n_cells = len(discretization.mesh.cells)
-    if n_parts > n_cells:
-        raise SceneError(
-            [f"{n_parts} ranks cannot share {n_cells} cells. Use at most {n_cells} ranks, or a finer mesh."]
-        )
-    centroids = (discretization.mesh.centroids - discretization.units.origin) / discretization.units.length
-    weights = np.zeros(n_cells, np.int64)
-    weights[discretization.has_nodes] += ELEMENT_COST
-    if discretization.has_points.any() and n_parts > 1:
-        chosen = centroids[discretization.has_points]
-        _, _, images = near_images(discretization, chosen, chosen)
-        tree = cKDTree(np.concatenate([chosen, images]))
-        counts = tree.query_ball_point(chosen, discretization.cutoff, return_length=True)
-        weights[discretization.has_points] += NEIGHBOUR_COST * counts.astype(np.int64)
-    return bisect(centroids, weights, n_parts)
+    owner = partition(whole, comm.size, count_neighbours(whole, comm))
+    numbers = cut_out(whole, owner, comm.rank)
+    seen = whole.mesh.neighbours(owner == comm.rank)
+    seen[numbers.ghosts] = True
+    mesh = take_part(whole.mesh, seen)
+    centred = whole.units.places(np.array([whole.mesh.lower, whole.mesh.upper]))
 
+    def of_cells(values: np.ndarray) -> np.ndarray:
+        return values if len(mesh.cells) == len(values) else values[seen]
 
-def cut_out(discretization: Discretization, owner: np.ndarray, rank: int) -> Subdomain:
-    """The share of one rank."""
-    mesh = discretization.mesh
-    mine = owner == rank
-    order = _locality_order(discretization)
-    free = order[(mine & discretization.has_points & ~discretization.is_overlap)[order]]
-    overlap = order[(mine & discretization.is_overlap)[order]]
-    ghosts = _ghost_cells(discretization, owner, rank, order)
-    images, reflection = _image_cells(discretization, np.concatenate([free, overlap]), ghosts)
+    def of_nodes(values: np.ndarray) -> np.ndarray:
+        return values if len(mesh.nodes) == len(values) else values[mesh.node_id]
 
-    owner_of_node = np.full(len(mesh.nodes), -1, np.int32)
-    carriers = np.flatnonzero(discretization.has_nodes)[::-1]
-    owner_of_node[mesh.cells[carriers]] = owner[carriers, None]  # the last assignment stays: the lowest cell's
-
-    touched = np.zeros(len(mesh.nodes), bool)
-    touched[mesh.cells[mine & discretization.has_nodes]] = True
-    owned_nodes = np.flatnonzero(owner_of_node == rank)
-    ghost_nodes = np.flatnonzero(touched & (owner_of_node != rank))
-    return Subdomain(
-        free=free,
-        overlap=overlap,
-        ghosts=ghosts,
-        ghost_owner=owner[ghosts],
-        images=images,
-        reflection=reflection,
-        elements=order[(mine & discretization.has_stiffness)[order]],
-        owned_nodes=owned_nodes,
-        ghost_nodes=ghost_nodes,
-        ghost_node_owner=owner_of_node[ghost_nodes],
+    return Share(
+        comm=comm,
+        mesh=mesh,
+        subdomain=_by_places(numbers, mesh),
+        cell_owner=of_cells(owner),
+        units=whole.units,
+        nodes=of_nodes(whole.nodes),
+        lower=centred[0],
+        upper=centred[1],
+        region=of_cells(whole.region),
+        material=of_cells(whole.material),
+        materials=whole.materials,
+        is_peridynamic=of_cells(whole.is_peridynamic),
+        has_points=of_cells(whole.has_points),
+        is_overlap=of_cells(whole.is_overlap),
+        has_stiffness=of_cells(whole.has_stiffness),
+        body=of_cells(whole.body),
+        point_row=of_cells(whole.point_row),
+        free_row=of_cells(whole.free_row),
+        element_row=of_cells(np.where(whole.has_nodes, np.cumsum(whole.has_nodes) - 1, -1)),
+        node_row=of_nodes(whole.node_row),
+        cutoff=whole.cutoff,
+        mirrors=whole.mirrors,
+        reflections=whole.reflections,
+        counts=count(whole),
+        typical_edge=_typical_edge(whole),
+        joint_regions=np.unique(whole.region[whole.is_peridynamic & whole.is_overlap]),
+        overlap_regions=np.unique(whole.region[whole.is_overlap]),
+        quality=whole.quality,
+        notes=whole.notes,
+        crack_notes=tuple(describe_cracked_overlap(scene, whole)),
+        mesh_sha256=broadcast(comm, whole.mesh.sha256() if comm.rank == 0 else None),
+        body_sha256=broadcast(comm, whole.sha256() if comm.rank == 0 else None),
+        selections=select_places(scene, whole).part(mesh),
+        boundaries=Boundaries.of(scene, whole, mesh),
     )
 
 
-def _locality_order(discretization: Discretization) -> np.ndarray:
-    """Cells in layers across the longest axis, then across the second longest: neighbours stay near in memory."""
-    mesh = discretization.mesh
-    layer = np.floor((mesh.centroids - mesh.lower) / mesh.mean_edge * (1 + 1e-9)).astype(np.int64)
-    short, middle, long = np.argsort(mesh.upper - mesh.lower, kind="stable")
-    return np.lexsort((np.arange(len(layer)), layer[:, short], layer[:, middle], layer[:, long]))
+def _by_places(numbers: Subdomain, mesh: MeshPart) -> Subdomain:
+    """The same cells and nodes by their places in a part of the mesh."""
+    cells = {name: mesh.places_of_cells(getattr(numbers, name)) for name in
+             ("free", "overlap", "ghosts", "images", "elements")}  # fmt: skip
+    nodes = {name: mesh.places_of_nodes(getattr(numbers, name)) for name in ("owned_nodes", "ghost_nodes")}
+    return replace(numbers, **cells, **nodes)
 
 
-def _ghost_cells(discretization, owner, rank, order) -> np.ndarray:
-    """Cells of other ranks with a point within the cutoff radius of an owned point, or nearly so."""
-    has_points = discretization.has_points
-    mine = np.flatnonzero(has_points & (owner == rank))
-    others = np.flatnonzero(has_points & (owner != rank))
-    if not len(mine) or not len(others):
-        return np.empty(0, np.int64)
-    centre, radius = _cell_balls(discretization)
-    tree = cKDTree(centre[mine])
-    distance, _ = tree.query(centre[others], distance_upper_bound=discretization.cutoff + 2.0 * radius.max())
-    near = others[np.isfinite(distance)]
-    # the nearest centre need not be the nearest cell when sizes differ: compare with the largest owned radius
-    keep = distance[np.isfinite(distance)] <= discretization.cutoff + radius[near] + radius[mine].max()
-    chosen = np.zeros(len(owner), bool)
-    chosen[near[keep]] = True
-    return order[chosen[order]]
-
-
-def _image_cells(discretization, owned, ghosts) -> tuple[np.ndarray, np.ndarray]:
-    """Cells with a mirror image within the cutoff radius of an owned cell, or nearly so, and the reflections."""
-    if not discretization.mirrors or not len(owned):
-        return np.empty(0, np.int64), np.empty(0, np.int64)
-    centre, radius = _cell_balls(discretization)
-    cells = np.concatenate([owned, ghosts])
-    near, reflection, images = near_images(discretization, centre[cells], centre[owned], 2.0 * radius.max())
-    distance, _ = cKDTree(centre[owned]).query(images)
-    keep = distance <= discretization.cutoff + radius[cells[near]] + radius[owned].max()
-    return cells[near][keep], reflection[keep]
-
-
-def near_images(discretization, x, target, margin=0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mirror images of positions within the cutoff radius and a margin of the box around others; model units.
-
-    Parameters
-    ----------
-    x, target : float64, shapes (n, 3), (m, 3), dimension length
-    margin : float, dimension length
-
-    Returns
-    -------
-    index : int64, shape (n_images,)
-        Of the positions; reflection by reflection, each in the positions' order.
-    reflection : int64, shape (n_images,)
-        Number, from 1.
-    image : float64, shape (n_images, 3), dimension length
-    """
-    reach = discretization.cutoff + margin
-    low, high = target.min(axis=0) - reach, target.max(axis=0) + reach
-    found = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3)))]
-    for number, (sign, shift) in enumerate(zip(*discretization.reflections, strict=True), start=1):
-        image = sign * x + shift
-        index = np.flatnonzero(((image >= low) & (image <= high)).all(axis=1))
-        found.append((index, np.full(len(index), number), image[index]))
-    return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
-
-
-def _cell_balls(discretization) -> tuple[np.ndarray, np.ndarray]:
-    """Centre and radius of a ball around the Gauss points of each cell, model units."""
-    points = gauss_positions(discretization.nodes[discretization.mesh.cells])
-    centre = 0.5 * (points.min(axis=1) + points.max(axis=1))
-    return centre, np.sqrt(((points - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
+def _typical_edge(whole: Discretization) -> float:
+    positions, cells = whole.nodes, whole.mesh.cells
+    edge = np.sqrt(((positions[cells[:, 6]] - positions[cells[:, 0]]) ** 2).sum(axis=1) / 3.0)
+    return float(np.median(edge))

@@ -8,9 +8,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from pdfem_mpi.deck.amplitudes import amplitude_problems, between, through_nothing
 from pdfem_mpi.deck.loads import Support
-from pdfem_mpi.deck.materials import Interface, Material, all_materials
+from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Interface, Material, all_materials
+from pdfem_mpi.deck.peridynamics import Peridynamics
 from pdfem_mpi.deck.regions import Region, has_model
+from pdfem_mpi.deck.softening import CRITERION, OWN_RATIO
 from pdfem_mpi.deck.table import Problem, Table, key, show
 
 
@@ -40,14 +43,35 @@ class Steps(Table):
     Attributes
     ----------
     load_factors : floats, dimension 1
-        Equilibrium is found at each; strictly rising from 0 (or strictly falling from 0).
+        Equilibrium is found at each; strictly rising from 0 (or strictly falling from 0) unless there are times.
+    times : floats or None, dimension 1
+        A pseudo-time for each load factor, strictly rising from 0: factors may then rise, fall and change their sign.
+    increments : int or None, >= 1
+        Equilibria on the straight line from one time to the next; None (default): one.
+    tooth_ratio : float or None, above 1 to 2, dimension 1
+        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
     """
 
     kind: Literal["steps"] = key("steps")
     load_factors: tuple[float, ...] = key((1.0,), min_length=1, dimension="1")
+    times: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
+    increments: int | None = key(None, ge=1)
+    tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
+
+    @property
+    def schedule(self) -> list[tuple[float | None, float]]:
+        """Time and load factor of each equilibrium."""
+        if self.times is None:
+            return [(None, factor) for factor in self.load_factors]
+        return list(between(self.times, self.load_factors, self.increments or 1))
 
     def problems(self) -> list[Problem]:
-        """Load factors strictly monotone from 0."""
+        """Load factors strictly monotone from 0, or times that rise."""
+        if self.times is not None:
+            return amplitude_problems(self.times, self.load_factors)
+        if self.increments is not None:
+            text = f"= {self.increments} divides the time from one load factor to the next, and there are no times."
+            return [Problem("increments", f"{text} Give times.")]
         factors = (0.0, *self.load_factors)
         sign = 1.0 if factors[1] > 0.0 else -1.0
         for before, after in itertools.pairwise(factors):
@@ -57,7 +81,8 @@ class Steps(Table):
                     Problem(
                         "load_factors",
                         f"= {show(self.load_factors)} has {show(after)} after {show(before)}, but must "
-                        f"strictly rise (or fall) from 0. Use a number {word} {show(before)}.",
+                        f"strictly rise (or fall) from 0. Use a number {word} {show(before)}, or give times for a load "
+                        "that comes and goes.",
                     )
                 ]
         return []
@@ -65,7 +90,7 @@ class Steps(Table):
     @property
     def n_steps(self) -> int | None:
         """How many rows there will be."""
-        return len(self.load_factors)
+        return len(self.schedule)
 
 
 class Ramp(Table):
@@ -81,6 +106,8 @@ class Ramp(Table):
         or when the reaction has fallen below this fraction of its peak.
     report_every : int, >= 1
         Iterations between two rows of the history, which are frames of the fields as well.
+    tooth_ratio : float or None, above 1 to 2, dimension 1
+        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
     """
 
     kind: Literal["ramp"]
@@ -88,6 +115,7 @@ class Ramp(Table):
     end_load_factor: float = key(1.0, gt=0, dimension="1")
     end_reaction: float = key(0.05, ge=0, lt=1, dimension="1")
     report_every: int = key(1000, ge=1)
+    tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
 
     def problems(self) -> list[Problem]:
         """A ramp of at least one iteration."""
@@ -113,7 +141,8 @@ class Events(Table):
     Attributes
     ----------
     eta : float, 1e-6 to below 0.5, dimension 1
-        Bonds within this fraction of their critical stretch break together with the first.
+        Bonds within this fraction of their critical stretch break together with the first. 1e-2 by default where bonds
+        soften, with 4 sweeps between batches.
     inner_iterations : int, >= 1
         Sweeps of relaxation between two batches of breaks in an avalanche, fewer where the residual gets to 1e-4.
     arrest_tolerance : float, above 0 and below 1, dimension 1
@@ -128,6 +157,11 @@ class Events(Table):
         the load is scaled so that the next bond is about to break, which follows snap-backs.
     report_every : int, >= 1
         Batches between two rows of the history within an avalanche.
+    tooth_ratio : float or None, above 1 to 2, dimension 1
+        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
+    times, load_factors : floats or None, dimension 1
+        A way of the load over a pseudo-time, straight from (0, 0) through these: up, down and to the other side. The
+        run ends at the last; None (default): the load rises as long as it takes.
     """
 
     kind: Literal["events"]
@@ -138,6 +172,32 @@ class Events(Table):
     end_reaction: float = key(0.05, gt=0, lt=1, dimension="1")
     control: Literal["load", "energy"] = key("load")
     report_every: int = key(10, ge=1)
+    tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
+    times: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
+    load_factors: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
+
+    @property
+    def legs(self) -> list[tuple[float, float, bool]]:
+        """Ends of the straight parts of the way: time, load factor, and whether it is one of the deck's.
+
+        A part from one side to the other is divided at 0.
+        """
+        return through_nothing(self.times, self.load_factors)
+
+    def problems(self) -> list[Problem]:
+        """Times with load factors, where the load alone says how the program goes on and ends."""
+        if self.times is None and self.load_factors is None:
+            return []
+        if self.times is None or self.load_factors is None:
+            missing = "times" if self.times is None else "load_factors"
+            return [Problem(missing, "is missing: events take both times and load_factors, or neither. Add it.")]
+        problems = amplitude_problems(self.times, self.load_factors)
+        if self.end_load_factor is not None:
+            text = f"= {show(self.end_load_factor)} ends a load that rises, and times say how it goes. Keep one."
+            problems.append(Problem("end_load_factor", text))
+        if self.control == "energy":
+            problems.append(Problem("control", '= "energy" scales the load, and times prescribe it. Use "load".'))
+        return problems
 
     @property
     def n_steps(self) -> int | None:
@@ -164,7 +224,7 @@ def check_failure(
     if not has_model(regions, "peridynamics"):
         problems = [
             Problem(
-                f"{where}.{'fracture_energy' if table.critical_stretch is None else 'critical_stretch'}",
+                f"{where}.{next(name for name in CRITERION if getattr(table, name) is not None)}",
                 "breaks bonds, and no region has any. Remove it, or describe a region by peridynamics.",
             )
             for where, table in tables.values()
@@ -188,6 +248,47 @@ def _needs_failure(stepping: Any, reason: str) -> list[Problem]:
     if stepping.kind == "steps":
         return []
     return [Problem("stepping.kind", f"= {show(stepping.kind)} follows failure, and {reason}")]
+
+
+def check_softening(
+    material: Material,
+    materials: dict[str, Material],
+    interfaces: Sequence[Interface],
+    regions: Sequence[Region],
+    peridynamics: Peridynamics,
+    stepping: Any,
+) -> list[Problem]:
+    """Teeth belong to bonds that soften, and these to stiffnesses that push back where they are pressed."""
+    tables = (material, *materials.values(), *interfaces)
+    if not any(table.softens for table in tables):
+        if stepping.tooth_ratio is None:
+            return []
+        text = "is of bonds that soften, and none does. Give material.tensile_strength, or remove it."
+        return [Problem("stepping.tooth_ratio", f"= {show(stepping.tooth_ratio)} {text}")]
+    if peridynamics.surface_correction == "fitted" and peridynamics.signs == "free":
+        return [
+            Problem(
+                "peridynamics.signs",
+                '= "free" lets bonds push where they are stretched, and such a bond cannot soften. Use "bounded", or '
+                'surface_correction = "virial".',
+            )
+        ]
+    named = all_materials(material, materials)
+    used = {region.material for region in regions if region.model == "peridynamics" and region.material in named}
+    ratios = [(where, table.poissons_ratio) for name, (where, table) in named.items() if name in used]
+    return [
+        Problem(f"{where}.poissons_ratio", f"= {show(ratio)} {OWN_RATIO}")
+        for where, ratio in ratios
+        if ratio != BOND_POISSONS_RATIO
+    ]
+
+
+def check_events_over_time(stepping: Any, peridynamics: Peridynamics) -> list[Problem]:
+    """Loads that come and go from break to break: bodies that answer in proportion to them."""
+    if stepping.kind != "events" or stepping.times is None or peridynamics.kinematics == "linear":
+        return []
+    text = 'scales states with the load, which finite kinematics do not. Use peridynamics.kinematics = "linear".'
+    return [Problem("stepping.times", text)]
 
 
 def check_stepping_solver(stepping: Any, solver: Solver) -> list[Problem]:

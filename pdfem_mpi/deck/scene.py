@@ -13,7 +13,7 @@ import functools
 from collections.abc import Callable
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pdfem_mpi.deck.loads import (
     Load,
@@ -33,6 +33,7 @@ from pdfem_mpi.deck.materials import (
     check_contrast,
     check_material_names,
 )
+from pdfem_mpi.deck.mechanical_probes import check_energy_release, check_set_probes
 from pdfem_mpi.deck.meshes import Mesh
 from pdfem_mpi.deck.outputs import (
     Checkpoint,
@@ -52,10 +53,13 @@ from pdfem_mpi.deck.peridynamics import (
     check_volumetric,
 )
 from pdfem_mpi.deck.programs import (
+    Events,
     Solver,
     Stepping,
     Steps,
+    check_events_over_time,
     check_failure,
+    check_softening,
     check_something_loads,
     check_stepping_solver,
 )
@@ -67,7 +71,9 @@ from pdfem_mpi.deck.regions import (
     check_region_names,
     has_model,
 )
+from pdfem_mpi.deck.softening import with_defaults
 from pdfem_mpi.deck.table import FieldMissing, Problem, Table, Units, key
+from pdfem_mpi.deck.temperatures import Temperature, check_temperature
 
 
 class Scene(Table):
@@ -92,11 +98,17 @@ class Scene(Table):
     coupling: Coupling = Field(default_factory=Coupling)
     loads: tuple[Load, ...] = key(())
     supports: tuple[Support, ...] = key(())
+    temperature: Temperature | None = key(None)
     solver: Solver = Field(default_factory=Solver)
     stepping: Stepping = Field(default_factory=Steps)
     probes: tuple[Probe, ...] = key(())
     output: Output = Field(default_factory=Output)
     checkpoint: Checkpoint = Field(default_factory=Checkpoint)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_in(cls, data: Any) -> Any:
+        return with_defaults(data)
 
     def problems(self) -> list[Problem]:
         """What ``CHECKS`` find between the tables."""
@@ -106,6 +118,11 @@ class Scene(Table):
     def has_peridynamics(self) -> bool:
         """Whether some region is described by peridynamics."""
         return has_model(self.regions, "peridynamics")
+
+    @property
+    def has_cycle(self) -> bool:
+        """Whether equilibria are found by conjugate gradients, with a cycle over all cells as preconditioner."""
+        return self.solver.kind == "cg" or isinstance(self.stepping, Events)
 
     @property
     def has_finite_elements(self) -> bool:
@@ -130,6 +147,11 @@ class Scene(Table):
         return any(entry.can_fail for entry in (self.material, *self.materials.values(), *self.interfaces))
 
     @property
+    def softens(self) -> bool:
+        """Whether the deck has bonds that soften before they break."""
+        return any(entry.softens for entry in (self.material, *self.materials.values(), *self.interfaces))
+
+    @property
     def is_coupled(self) -> bool:
         """Whether the scene has both descriptions."""
         return self.has_peridynamics and self.has_finite_elements
@@ -144,7 +166,9 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("mesh", "peridynamics", "regions"), check_cutoff),
     (("cracks", "regions"), check_cracks),
     (("material", "materials", "interfaces", "regions", "stepping"), check_failure),
+    (("material", "materials", "interfaces", "regions", "peridynamics", "stepping"), check_softening),
     (("stepping", "solver"), check_stepping_solver),
+    (("stepping", "peridynamics"), check_events_over_time),
     (("stepping", "loads", "supports"), check_something_loads),
     (("output", "regions"), check_damage),
     (("regions",), check_region_names),
@@ -160,6 +184,10 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("mesh", "loads"), check_mirrored_loads),
     (("mesh", "supports"), check_mirrored_supports),
     (("mesh", "probes"), check_mirrored_bars),
+    (("temperature", "material", "materials", "peridynamics", "regions"), check_temperature),
+    (("mesh", "probes"), functools.partial(check_sets, "probes")),
+    (("regions", "probes"), check_set_probes),
+    (("cracks", "material", "materials", "temperature", "probes"), check_energy_release),
 )
 
 

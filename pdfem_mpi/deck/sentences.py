@@ -9,6 +9,7 @@ from pydantic.fields import FieldInfo
 
 from pdfem_mpi.deck.partial import Place, is_table, kind_of, models_of, unwrap, walk
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.softening import PAIR
 from pdfem_mpi.deck.table import Problem, Table, Vector, did_you_mean, show
 
 WORDS = {float: "a number", int: "a whole number", str: 'a text in quotes ("...")', bool: "true or false"}
@@ -76,7 +77,7 @@ def _sentence(item: Any, data: dict[str, Any]) -> Problem:
         whole = walk(loc[:-1], data)
         return Problem(
             whole.path,
-            f"= {show(whole.value)} has {len(whole.value)} numbers. Write three numbers [x, y, z].",
+            f"= {show(whole.value)} has {len(whole.value)} numbers. Write {_words(whole.annotation)}.",
         )
     if kind == "missing":
         return Problem(place.path, f"is missing. {remedy or f'Give {expected}.'}")
@@ -97,7 +98,7 @@ def _sentence(item: Any, data: dict[str, Any]) -> Problem:
     if kind in ("too_short", "string_too_short"):
         return Problem(place.path, f"{equals} is empty. {remedy or f'Give {expected}.'}")
     if kind == "too_long" and isinstance(place.value, tuple):
-        return Problem(place.path, f"{equals} has {len(place.value)} numbers. Write three numbers [x, y, z].")
+        return Problem(place.path, f"{equals} has {len(place.value)} numbers. Write {_words(place.annotation)}.")
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         return Problem(place.path, f"{equals} is out of range. Use {expected}.")
     if kind == "float_type" and isinstance(place.value, int) and not isinstance(place.value, bool):
@@ -131,6 +132,8 @@ def _words(annotation: Any) -> str:
         return choices[0] if len(choices) == 1 else "one of " + ", ".join(choices)
     if annotation == Vector:
         return "three numbers [x, y, z]"
+    if annotation == PAIR:
+        return "two numbers [opening, traction]"
     if origin is tuple:
         if models_of(annotation):
             return "a list of tables"

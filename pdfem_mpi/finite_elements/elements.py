@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.body.share import Subdomain
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.kernels.element_tables import (
     element_masses,
     element_stiffness,
@@ -18,7 +18,7 @@ from pdfem_mpi.kernels.element_tables import (
     stiffness_of_moduli,
     turning_masses,
 )
-from pdfem_mpi.parallel.comm import largest
+from pdfem_mpi.parallel.comm import broadcast, largest
 
 #: Cells whose corners agree within this fraction of the model unit of length share a stiffness matrix.
 SHAPE_TOLERANCE = 1e-9
@@ -110,67 +110,74 @@ class Elements:
         return self.per_node(lambda stiffness: of_stiffness(stiffness).reshape(-1, 8, 3))
 
 
-def _shapes(discretization: Discretization) -> tuple[np.ndarray, np.ndarray]:
-    """Sort the elements of the whole mesh by shape and Poisson's ratio, so that every rank treats a cell alike.
+def _shapes(share: Share) -> tuple[list[tuple[np.ndarray, float]], np.ndarray, bool]:
+    """Sort the elements of all ranks by shape and Poisson's ratio, so that every rank treats a cell alike. Collective.
 
     Returns
     -------
-    representatives : int64, shape (n_shapes,)
-        The lowest-numbered cell of each shape; empty when there are too many shapes.
+    shapes : list of (float64 (8, 3), float)
+        Corners and Poisson's ratio of the lowest-numbered cell of each shape.
     shape : int64, shape (n_cells,)
-        Index of each element's shape, -1 for a general hexahedron or a cell without element.
+        Index of each owned element's shape, -1 for a general hexahedron, other cells and those of other ranks.
+    general : bool
+        There are more shapes on some rank.
     """
-    cells = np.flatnonzero(discretization.has_stiffness)
-    corners = discretization.nodes[discretization.mesh.cells[cells]]
+    comm = share.comm
+    cells = np.sort(share.subdomain.elements)
+    corners = share.nodes[share.mesh.cells[cells]]
     relative = corners[:, 1:] - corners[:, :1]
-    nu = discretization.poissons_ratio[cells]
-    shape = np.full(len(discretization.has_stiffness), -1)
-    representatives: list[int] = []
+    nu = share.poissons_ratio[cells]
+    shape = np.full(len(share.has_stiffness), -1)
+    shapes: list[tuple[np.ndarray, float]] = []
     left = np.arange(len(cells))
-    while len(left):
-        if len(representatives) == MOST_SHAPES:
-            shape[cells[left]] = -1
-            break
-        same = (np.abs(relative[left] - relative[left[0]]) <= SHAPE_TOLERANCE).all(axis=(1, 2))
-        same &= nu[left] == nu[left[0]]
-        shape[cells[left[same]]] = len(representatives)
-        representatives.append(int(cells[left[0]]))
+    while True:
+        own = -int(share.mesh.cell_id[cells[left[0]]]) * comm.size - comm.rank if len(left) else -math.inf
+        lowest = -float(largest(comm, np.array([own], float))[0])
+        if lowest == math.inf:
+            return shapes, shape, False
+        if len(shapes) == MOST_SHAPES:
+            return shapes, shape, True
+        owner = int(lowest) % comm.size
+        found = (corners[left[0]], nu[left[0]]) if comm.rank == owner else None
+        first, ratio = broadcast(comm, found, owner)
+        shapes.append((first, ratio))
+        same = (np.abs(relative[left] - (first[1:] - first[:1])) <= SHAPE_TOLERANCE).all(axis=(1, 2))
+        same &= nu[left] == ratio
+        shape[cells[left[same]]] = len(shapes) - 1
         left = left[~same]
-    return np.array(representatives, np.int64), shape
 
 
-def make_elements(discretization: Discretization, subdomain: Subdomain, local, comm, finite: bool) -> Elements:
+def make_elements(share: Share, local, comm, finite: bool) -> Elements:
     """The elements of a rank. Collective.
 
     Parameters
     ----------
-    local : int32, shape (n_mesh_nodes,)
+    local : int32, shape (n_nodes,)
         From `nodes.local_nodes`.
     finite : bool
         Finite (else linear) kinematics.
     """
-    representatives, shape = _shapes(discretization)
-    modulus, nu = discretization.youngs_modulus, discretization.poissons_ratio
-    corners = discretization.nodes[discretization.mesh.cells]
+    shapes, shape, any_general = _shapes(share)
+    elements = share.subdomain.elements
+    modulus, nu = share.youngs_modulus, share.poissons_ratio
     shared, turning, bound = [], [], 0.0
-    for index, cell in enumerate(representatives):
-        stiffness = element_stiffness(corners[cell][None], np.ones(1), nu[cell])
-        mine = subdomain.elements[shape[subdomain.elements] == index]
-        shared.append(SharedElements(local[discretization.mesh.cells[mine]], stiffness[0], modulus[mine]))
-        moduli = lame_moduli(modulus[mine], nu[cell])
-        turning.append(TurningElements(shared[-1].connectivity, gradient_tables(corners[cell][None]), *moduli))
+    for index, (corners, ratio) in enumerate(shapes):
+        stiffness = element_stiffness(corners[None], np.ones(1), ratio)
+        mine = elements[shape[elements] == index]
+        shared.append(SharedElements(local[share.mesh.cells[mine]], stiffness[0], modulus[mine]))
+        moduli = lame_moduli(modulus[mine], ratio)
+        turning.append(TurningElements(shared[-1].connectivity, gradient_tables(corners[None]), *moduli))
         bound = max(bound, force_bound(stiffness) * float(modulus[mine].max(initial=0.0)))
     general = None
-    if (shape[discretization.has_stiffness] < 0).any():
-        mine = subdomain.elements[shape[subdomain.elements] < 0]
+    if any_general:
+        mine = elements[shape[elements] < 0]
+        corners = share.nodes[share.mesh.cells[mine]]
         lam, mu = lame_moduli(modulus[mine], nu[mine])
-        general = GeneralElements(
-            local[discretization.mesh.cells[mine]], corners[mine], gradient_tables(corners[mine]), lam, mu
-        )
+        general = GeneralElements(local[share.mesh.cells[mine]], corners, gradient_tables(corners), lam, mu)
         turning.append(TurningElements(general.connectivity, general.tables, lam, mu))
         for start in range(0, len(mine), BATCH):
             batch = slice(start, start + BATCH)
-            stiffness = stiffness_of_moduli(corners[mine[batch]], lam[batch], mu[batch])
+            stiffness = stiffness_of_moduli(corners[batch], lam[batch], mu[batch])
             bound = max(bound, force_bound(stiffness))
     turning = tuple(turning) if finite else ()
     return Elements(tuple(shared), general, float(largest(comm, np.array([bound]))[0]), turning)

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.body.share import Subdomain
+from pdfem_mpi.body.share import Share, Subdomain
 from pdfem_mpi.kernels.rounding import pattern_for
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.parallel.halo import Halo, build_halo
@@ -21,7 +20,7 @@ class Nodes:
     ----------
     n_owned : int
     number : int64, shape (n_nodes,)
-        Global number among the nodes with unknowns.
+        Number of each node in the mesh.
     x : float64, shape (n_nodes, 3), dimension length
     halo : Halo
     """
@@ -32,23 +31,24 @@ class Nodes:
     halo: Halo
 
 
-def local_nodes(discretization: Discretization, subdomain: Subdomain) -> np.ndarray:
-    """Local index of each node of the mesh on this rank, -1 for nodes it does not see; int32, shape (n_nodes,)."""
-    local = np.full(len(discretization.nodes), -1, np.int32)
+def local_nodes(share: Share, subdomain: Subdomain | None = None) -> np.ndarray:
+    """Place of each node of the share among the `Nodes` of the rank, -1 for others; int32, shape (n_nodes,)."""
+    subdomain = subdomain or share.subdomain
+    local = np.full(len(share.nodes), -1, np.int32)
     seen = np.concatenate([subdomain.owned_nodes, subdomain.ghost_nodes])
     local[seen] = np.arange(len(seen))
     return local
 
 
-def make_nodes(discretization: Discretization, subdomain: Subdomain, comm) -> Nodes:
+def make_nodes(share: Share, comm) -> Nodes:
     """The nodes that a rank sees. Collective."""
-    number = discretization.node_number
+    number, subdomain = share.mesh.node_id, share.subdomain
     owned, ghosts = subdomain.owned_nodes, subdomain.ghost_nodes
     local = np.concatenate([owned, ghosts])
     return Nodes(
         n_owned=len(owned),
         number=number[local],
-        x=discretization.nodes[local],
+        x=share.nodes[local],
         halo=build_halo(comm, number[owned], number[ghosts], subdomain.ghost_node_owner),
     )
 

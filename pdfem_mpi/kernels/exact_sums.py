@@ -36,6 +36,7 @@ from pdfem_mpi.kernels.simd import (
 )
 
 BITS = 48  #: of a digit
+MOST_RANKS = 2 ** (63 - BITS)  #: whose digits an int64 holds the sum of
 LOWEST, HIGHEST = -20, 20  #: exponents k of the digits
 NOT_FINITE = HIGHEST - LOWEST + 2  #: place of the count of terms that are not finite (the place before takes carries)
 SIZE = NOT_FINITE + 1

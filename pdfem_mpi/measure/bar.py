@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.outputs import BarProbe
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.hex8 import gauss_volumes
-from pdfem_mpi.measure.fields import Fields, point_positions
+from pdfem_mpi.measure.fields import Fields
+from pdfem_mpi.measure.geometry import Geometry
 
 #: Stations nearer than this many cutoff radii to an end or to the interface are left out of straight-line fits.
 MARGIN = 2.0
@@ -70,9 +70,9 @@ class Bar:
         return same & (np.cumsum(starts) == 1)
 
 
-def measure_bar(scene: Scene, discretization: Discretization, fields: Fields, probe: BarProbe, factor: float) -> Bar:
+def measure_bar(scene: Scene, geometry: Geometry, fields: Fields, probe: BarProbe, factor: float) -> Bar:
     """Average a bar over its cross sections at a load factor."""
-    mesh = discretization.mesh
+    mesh = geometry.mesh
     axis = "xyz".index(probe.axis)
     others = [d for d in range(3) if d != axis]
     place = np.rint((mesh.centroids[:, axis] - mesh.lower[axis]) / mesh.tolerance).astype(np.int64)
@@ -80,47 +80,47 @@ def measure_bar(scene: Scene, discretization: Discretization, fields: Fields, pr
     n = len(values)
 
     x_points = u_points = None
-    if discretization.has_points.any():
-        x_points = point_positions(discretization).reshape(-1, 8, 3)
+    if geometry.has_points.any():
+        x_points = geometry.point_positions.reshape(-1, 8, 3)
         u_points = fields.u_points.reshape(-1, 8, 3)
     coordinate, displacement, lateral = np.zeros(n), np.zeros(n), np.zeros(n)
     faces = []
     of_points = np.zeros(n, bool)
-    units = discretization.units
+    units = geometry.units
     planes = [
         [position * units.length + units.origin[d] for position in positions]
-        for d, positions in enumerate(discretization.mirrors.planes)
+        for d, positions in enumerate(geometry.mirrors.planes)
     ]
     for k in range(n):
         cells = np.flatnonzero(layer == k)
-        of_points[k] = discretization.is_peridynamic[cells].all()
+        of_points[k] = geometry.is_peridynamic[cells].all()
         if of_points[k]:
-            number = discretization.point_cell_number[cells]
+            number = geometry.point_row[cells]
             x, u = x_points[number].reshape(-1, 3), u_points[number].reshape(-1, 3)
         else:
-            cells = cells[discretization.has_nodes[cells]]
+            cells = cells[geometry.has_nodes[cells]]
             corners = mesh.cells[cells]
             x = mesh.nodes[corners].reshape(-1, 3)
-            u = fields.u_nodes[discretization.node_number[corners]].reshape(-1, 3)
+            u = fields.u_nodes[geometry.node_row[corners]].reshape(-1, 3)
         coordinate[k] = mesh.centroids[cells, axis].mean()
         displacement[k] = u[:, axis].mean()
         lateral[k] = np.mean([_slope(x[:, d], u[:, d], planes[d]) for d in others])
         if k in (0, n - 1):
             face = mesh.lower[axis] if k == 0 else mesh.upper[axis]
             faces.append(np.polyval(np.polyfit(x[:, axis], u[:, axis], 1), face))
-    if discretization.mirrors.planes[axis]:
+    if geometry.mirrors.planes[axis]:
         fixed_end = 0.0
     else:
         displacement -= 0.5 * (faces[0] + faces[-1])
         fixed_end = 0.5
     reach = np.array([mesh.nodes[mesh.cells[layer == k], axis].max() for k in range(n)])
-    strain = factor * probe.stress / (scene.material.youngs_modulus * _layer_moduli(discretization, layer, n))
+    strain = factor * probe.stress / (scene.material.youngs_modulus * _layer_moduli(geometry, layer, n))
     ends = np.concatenate([[0.0], np.cumsum(strain * np.diff(reach, prepend=mesh.lower[axis]))])
     exact = 0.5 * (ends[:-1] + ends[1:]) - fixed_end * ends[-1]
     switches = np.flatnonzero(of_points[1:] != of_points[:-1])
     overlap = None
     if len(switches):
-        first, last = _first_overlap(discretization, layer, switches[0])
+        first, last = _first_overlap(geometry, layer, switches[0])
         overlap = (float(reach[first - 1]) if first else float(mesh.lower[axis]), float(reach[last]))
     interfaces = tuple(reach[switches].tolist())
     moduli_change = reach[:-1][changes(strain)]
@@ -129,10 +129,10 @@ def measure_bar(scene: Scene, discretization: Discretization, fields: Fields, pr
     )
 
 
-def _first_overlap(discretization: Discretization, layer: np.ndarray, switch: int) -> tuple[int, int]:
+def _first_overlap(geometry: Geometry, layer: np.ndarray, switch: int) -> tuple[int, int]:
     """First and last layer of cells of the overlap at the interface after layer ``switch``; ``layer``, (n_cells,)."""
     n = int(layer.max()) + 1
-    of_elements = discretization.is_overlap & ~discretization.is_peridynamic
+    of_elements = geometry.is_overlap & ~geometry.is_peridynamic
     shared = np.array([of_elements[layer == k].any() for k in range(n)])
     first = last = switch if shared[switch] else switch + 1
     while first > 0 and shared[first - 1]:
@@ -147,10 +147,10 @@ def changes(strain: np.ndarray) -> np.ndarray:
     return ~np.isclose(strain[1:], strain[:-1], rtol=SAME_STRAIN, atol=0.0)
 
 
-def _layer_moduli(discretization: Discretization, layer: np.ndarray, n: int) -> np.ndarray:
+def _layer_moduli(geometry: Geometry, layer: np.ndarray, n: int) -> np.ndarray:
     """Mean of Young's modulus over the volume of each layer of cells, model units; float64, shape (n,)."""
-    volume = gauss_volumes(discretization.nodes[discretization.mesh.cells]).sum(axis=1)
-    stiffness = np.bincount(layer, volume * discretization.youngs_modulus, n)
+    volume = gauss_volumes(geometry.model_nodes[geometry.mesh.cells]).sum(axis=1)
+    stiffness = np.bincount(layer, volume * geometry.materials.youngs_modulus[geometry.material], n)
     return stiffness / np.bincount(layer, volume, n)
 
 
@@ -161,7 +161,7 @@ def _slope(x: np.ndarray, u: np.ndarray, planes: list[float]) -> float:
     return float(((x - planes[0]) * u).sum() / ((x - planes[0]) ** 2).sum())
 
 
-def bar_results(scene: Scene, discretization: Discretization, bar: Bar, probe: BarProbe, factor: float) -> dict:
+def bar_results(scene: Scene, geometry: Geometry, bar: Bar, probe: BarProbe, factor: float) -> dict:
     """End error, moduli and Poisson's ratio of each description, and the jump at the first interface.
 
     The end error is that of the last layer of cells, in percent of the exact displacement of the end face.
@@ -170,12 +170,10 @@ def bar_results(scene: Scene, discretization: Discretization, bar: Bar, probe: B
     ends, the interfaces and changes of the modulus. The jump is the peridynamic line minus the finite-element line at
     the interface, in units of the bar's mean strain times cell edge; only where both runs reach it.
     """
-    margin = MARGIN * (discretization.cutoff * discretization.units.length or discretization.mesh.mean_edge)
-    lower, upper = (
-        corner["xyz".index(probe.axis)] for corner in (discretization.mesh.lower, discretization.mesh.upper)
-    )
+    margin = MARGIN * (geometry.cutoff * geometry.units.length or geometry.mesh.mean_edge)
+    lower, upper = (corner["xyz".index(probe.axis)] for corner in (geometry.mesh.lower, geometry.mesh.upper))
     strain = bar.elongation / (upper - lower)
-    halved = bool(discretization.mirrors.planes["xyz".index(probe.axis)])
+    halved = bool(geometry.mirrors.planes["xyz".index(probe.axis)])
     half_length = (1.0 if halved else 0.5) * (upper - lower)
     clear = (halved | (bar.coordinate > lower + margin)) & (bar.coordinate < upper - margin)
     for interface in (*bar.interfaces, *bar.moduli_change):
@@ -197,5 +195,5 @@ def bar_results(scene: Scene, discretization: Discretization, bar: Bar, probe: B
         results[f"poissons_ratio_{name}"] = float(-bar.lateral_strain[chosen].mean() / lines[name][0])
     if len(lines) == 2 and (runs[0][1] + 1 == runs[1][0] or runs[1][1] + 1 == runs[0][0]):
         gap = np.polyval(lines["peridynamics"], bar.interface) - np.polyval(lines["finite_elements"], bar.interface)
-        results["interface_jump"] = float(gap / (strain * discretization.mesh.mean_edge))
+        results["interface_jump"] = float(gap / (strain * geometry.mesh.mean_edge))
     return results

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, shape_functions, shape_gradients
 from pdfem_mpi.measure.fields import Fields
+from pdfem_mpi.measure.geometry import Geometry
 
 #: Newton's method inside a hexahedron converges in a handful of steps; this ends it where the place is far outside.
 NEWTON_STEPS = 50
 
 
-def displacement_at(discretization: Discretization, fields: Fields, point) -> np.ndarray:
+def displacement_at(geometry: Geometry, fields: Fields, point) -> np.ndarray:
     """Displacement at a point of the body, by the shape functions of its cell.
 
     In a cell with elements or overlap the nodes are interpolated, in a peridynamic cell the trilinear function
@@ -24,10 +24,10 @@ def displacement_at(discretization: Discretization, fields: Fields, point) -> np
     float64, shape (3,), dimension length
     """
     point = np.asarray(point, float)
-    return interpolate(discretization, fields, locate(discretization, point)[0], point)
+    return interpolate(geometry, fields, locate(geometry, point)[0], point)
 
 
-def locate(discretization: Discretization, point: np.ndarray) -> tuple[dict[int, np.ndarray], float]:
+def locate(geometry: Geometry, point: np.ndarray) -> tuple[dict[int, np.ndarray], float]:
     """Cells that hold a point, or come closest to it.
 
     Returns
@@ -37,7 +37,7 @@ def locate(discretization: Discretization, point: np.ndarray) -> tuple[dict[int,
     outside : float, dimension length
         Distance of the point from them; 0 inside, up to round-off.
     """
-    mesh = discretization.mesh
+    mesh = geometry.mesh
     cell = int(np.argmin(((mesh.centroids - point) ** 2).sum(axis=1)))
     near = np.flatnonzero(mesh.neighbours(np.arange(len(mesh.cells)) == cell))
     corners = mesh.nodes[mesh.cells[near]]
@@ -46,25 +46,25 @@ def locate(discretization: Discretization, point: np.ndarray) -> tuple[dict[int,
     beyond = np.linalg.norm(nearest - point, axis=1)
     outside = float(beyond.min())
     chosen = np.flatnonzero(beyond <= outside + mesh.tolerance)
-    chosen = [k for k in chosen if discretization.has_nodes[near[k]]][:1] or chosen
+    chosen = [k for k in chosen if geometry.has_nodes[near[k]]][:1] or chosen
     return {int(near[k]): local[k] for k in chosen}, outside
 
 
-def interpolate(discretization: Discretization, fields: Fields, holders: dict[int, np.ndarray], point) -> np.ndarray:
+def interpolate(geometry: Geometry, fields: Fields, holders: dict[int, np.ndarray], point) -> np.ndarray:
     """Mean over the holders of their own interpolation, and their mirror images', at the nearest of their points."""
     total = np.zeros(3)
     for cell, coordinates in holders.items():
         rst = np.clip(coordinates, -1.0, 1.0)
-        if discretization.has_nodes[cell]:
-            values = fields.u_nodes[discretization.node_number[discretization.mesh.cells[cell]]]
+        if geometry.has_nodes[cell]:
+            values = fields.u_nodes[geometry.node_row[geometry.mesh.cells[cell]]]
             shape = shape_functions(rst[None])[0]
         else:
-            values = fields.u_points.reshape(-1, 8, 3)[discretization.point_cell_number[cell]]
+            values = fields.u_points.reshape(-1, 8, 3)[geometry.point_row[cell]]
             shape = np.prod((1.0 + 9.0 * (rst / 3.0) * GAUSS_POINTS) / 2.0, axis=1)
         total += (shape[:, None] * values).sum(axis=0)
-    units, mesh = discretization.units, discretization.mesh
+    units, mesh = geometry.units, geometry.mesh
     place = (np.clip(point, mesh.lower, mesh.upper)[None] - units.origin) / units.length
-    total[discretization.mirrors.normal_components(place, mesh.tolerance / units.length)[0]] = 0.0
+    total[geometry.mirrors.normal_components(place, mesh.tolerance / units.length)[0]] = 0.0
     return total / len(holders)
 
 

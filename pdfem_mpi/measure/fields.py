@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.kernels.hex8 import gauss_positions
+from pdfem_mpi.body.share import Share
+from pdfem_mpi.measure.field_values import gather_mechanics
+from pdfem_mpi.measure.recovered import Recovered
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.model import Model
+from pdfem_mpi.model.thermal import Thermal
 from pdfem_mpi.parallel.slabs import gather_rows, gather_slabs
-from pdfem_mpi.peridynamics.damage import Remaining, local_damage
+from pdfem_mpi.peridynamics.damage import Remaining, local_damage, softened_and_gone
 from pdfem_mpi.peridynamics.failure import Failure
+
+if TYPE_CHECKING:
+    from pdfem_mpi.measure.probed import ProbeReader
 
 
 @dataclass(frozen=True)
@@ -23,40 +30,96 @@ class Fields:
     Attributes
     ----------
     u_points : float64, shape (n_points, 3), dimension length
-        Point ids are ``8 number + g``, cells with points numbered in the order of the mesh; the overlap included.
+        Cells with points in the order of the mesh, the overlap included; eight points each.
     u_nodes : float64, shape (n_nodes, 3), dimension length
         Nodes of elements and overlap, in the order of the mesh.
+    of_points, of_cells : dict of float64 arrays
+        What was asked for beside them, by name; see `field_values.gather_mechanics`.
+    probed : dict
+        What the mechanical probes found, by their names.
     """
 
     u_points: np.ndarray | None
     u_nodes: np.ndarray | None
+    of_points: dict[str, np.ndarray] = field(default_factory=dict)
+    of_cells: dict[str, np.ndarray] = field(default_factory=dict)
+    probed: dict[str, Any] = field(default_factory=dict)
 
 
-def gather_fields(discretization: Discretization, forces: Forces, u: np.ndarray) -> Fields | None:
+def gather_fields(
+    share: Share,
+    forces: Forces,
+    u: np.ndarray,
+    names: Iterable[str] = (),
+    reader: ProbeReader | None = None,
+    thermal: Thermal | None = None,
+) -> Fields | None:
     """Collect the displacements at the forces' last evaluation; None except on rank 0. Collective.
 
     Parameters
     ----------
     u : float64, shape (n_unknowns,)
         The displacements of that evaluation, model units.
+    names : of `MECHANICAL_FIELDS` and `GAUSS_FIELDS`
+        What else is wanted.
+    reader : ProbeReader, optional
+        Of mechanical probes that are wanted.
+    thermal : Thermal, optional
+        At the load of that evaluation.
     """
-    model, length = forces.model, discretization.units.length
+    model, length = forces.model, share.units.length
     u_points = u_nodes = None
     if model.points:
         rows = forces.point_displacements().reshape(-1, 8, 3)
-        cells = model.points.cell_number[: model.points.n_owned]
-        gathered = gather_rows(model.comm, cells, rows, discretization.n_point_cells)
+        gathered = gather_rows(model.comm, share.own_point_rows, rows, share.counts.point_cells)
         u_points = None if gathered is None else gathered.reshape(-1, 3) * length
     if model.nodes:
         rows = model.unknowns.of_nodes(u)
-        number = model.nodes.number[: model.nodes.n_owned]
-        gathered = gather_rows(model.comm, number, rows, discretization.n_nodes)
+        gathered = gather_rows(model.comm, share.own_node_rows, rows, share.counts.nodes)
         u_nodes = None if gathered is None else gathered * length
-    return Fields(u_points, u_nodes) if model.comm.rank == 0 else None
+    recovered = Recovered(share, forces, thermal)
+    more = gather_mechanics(recovered, names)
+    probed = reader.read(recovered, u) if reader else {}
+    return Fields(u_points, u_nodes, *more, probed) if model.comm.rank == 0 else None
+
+
+@dataclass(frozen=True)
+class NodalForces:
+    """Forces on all points and nodes, in the order of `Fields`; None for a part the scene does not have.
+
+    Attributes
+    ----------
+    points : float64, shape (n_points, 3), dimension force
+    nodes : float64, shape (n_nodes, 3), dimension force
+    """
+
+    points: np.ndarray | None
+    nodes: np.ndarray | None
+
+
+def gather_forces(share: Share, model: Model, force: np.ndarray) -> NodalForces | None:
+    """Collect forces over the unknowns, shape (n_unknowns,), model units; None except on rank 0. Collective."""
+    of_points = of_nodes = None
+    if model.points:
+        rows = np.zeros((model.points.n_owned, 8, 3))
+        rows[: model.points.n_free] = model.unknowns.rows(force)[: model.unknowns.n_points].reshape(-1, 8, 3)
+        of_points = gather_rows(model.comm, share.own_point_rows, rows, share.counts.point_cells)
+    if model.nodes:
+        of_nodes = gather_rows(model.comm, share.own_node_rows, model.unknowns.of_nodes(force), share.counts.nodes)
+    if model.comm.rank > 0:
+        return None
+    unit = share.units.force
+    return NodalForces(
+        None if of_points is None else of_points.reshape(-1, 3) * unit, None if of_nodes is None else of_nodes * unit
+    )
 
 
 def gather_damage(
-    discretization: Discretization, model: Model, remaining: Remaining | None = None, failure: Failure | None = None
+    share: Share,
+    model: Model,
+    remaining: Remaining | None = None,
+    failure: Failure | None = None,
+    parts: bool = False,
 ) -> np.ndarray | None:
     """Local damage (eq. 5) of all points in global order; None except on rank 0, or if not asked for. Collective.
 
@@ -65,22 +128,28 @@ def gather_damage(
     remaining : Remaining, optional
         Of the calls before: without it all bonds are swept.
     failure : Failure, optional
-        Whose books tell ``remaining`` which bonds broke since; without it none did.
+        Its books say which bonds broke since the last call; without it none did.
+    parts : bool
+        Where bonds soften, also the shares of those that have softened, and that are gone.
 
     Returns
     -------
-    float64, shape (n_points,), dimension 1
+    float64, shape (n_points,) or, with parts, (n_points, 3), dimension 1
     """
     if model.intact_weights is None:
         return None
-    cells = model.points.cell_number[: model.points.n_owned]
     body = model.comm, model.points, model.bonds
     now = None
     if remaining is not None:
         now = remaining.without(*body, failure.take_pairs() if failure else np.empty((0, 2), np.int64))
     rows = local_damage(*body, model.intact_weights, now)
-    gathered = gather_rows(model.comm, cells, rows, discretization.n_point_cells)
-    return None if gathered is None else gathered.reshape(-1)
+    parts = parts and model.bonds.softened is not None
+    if parts:
+        rows = np.concatenate([rows[:, :, None], softened_and_gone(*body, model.intact_weights, now)], axis=2)
+    gathered = gather_rows(model.comm, share.own_point_rows, rows, share.counts.point_cells)
+    if gathered is None:
+        return None
+    return gathered.reshape(-1, 3) if parts else gathered.reshape(-1)
 
 
 def fields_sha256(fields: Fields) -> str:
@@ -92,33 +161,21 @@ def fields_sha256(fields: Fields) -> str:
     return total.hexdigest()
 
 
-def digest_fields(discretization: Discretization, forces: Forces, u: np.ndarray) -> str | None:
+def digest_fields(share: Share, forces: Forces, u: np.ndarray) -> str | None:
     """`fields_sha256` of what `gather_fields` would collect, a slab at a time; None except on rank 0. Collective."""
-    model, length = forces.model, discretization.units.length
+    model, length = forces.model, share.units.length
     total = hashlib.sha256()
     parts = []
     if model.points:
-        cells = model.points.cell_number[: model.points.n_owned]
-        n_cells = discretization.n_point_cells
-        parts.append((cells, forces.point_displacements().reshape(-1, 8, 3), n_cells, (8 * n_cells, 3)))
+        n_cells = share.counts.point_cells
+        parts.append((share.own_point_rows, forces.point_displacements().reshape(-1, 8, 3), n_cells, (8 * n_cells, 3)))
     if model.nodes:
-        number = model.nodes.number[: model.nodes.n_owned]
         rows = model.unknowns.of_nodes(u)
-        parts.append((number, rows, discretization.n_nodes, (discretization.n_nodes, 3)))
+        n_nodes = share.counts.nodes
+        parts.append((share.own_node_rows, rows, n_nodes, (n_nodes, 3)))
     for ids, rows, n, shape in parts:
         total.update(f"{shape}".encode())
         for _, slab in gather_slabs(model.comm, ids, rows, n):
             if slab is not None:
                 total.update((slab * length).tobytes())
     return total.hexdigest() if model.comm.rank == 0 else None
-
-
-def point_positions(discretization: Discretization) -> np.ndarray:
-    """Positions of all collocation points in global order, shape (n_points, 3), deck units."""
-    mesh = discretization.mesh
-    return gauss_positions(mesh.nodes[mesh.cells[discretization.has_points]]).reshape(-1, 3)
-
-
-def node_positions(discretization: Discretization) -> np.ndarray:
-    """Positions of all nodes of elements in global order, shape (n_nodes, 3), deck units."""
-    return discretization.mesh.nodes[discretization.node_number >= 0]

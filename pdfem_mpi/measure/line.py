@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.outputs import LineProbe
 from pdfem_mpi.measure.displacement import interpolate, locate
 from pdfem_mpi.measure.fields import Fields
+from pdfem_mpi.measure.geometry import Geometry
 
 
 @dataclass(frozen=True)
@@ -33,17 +33,23 @@ class Line:
     kind: np.ndarray
 
 
-def measure_line(discretization: Discretization, fields: Fields, probe: LineProbe) -> Line:
+def measure_line(geometry: Geometry, fields: Fields, probe: LineProbe) -> Line:
     """Sample the displacement along a line."""
+    distance, position = positions_along(probe)
+    displacement, kind = np.full((probe.n, 3), np.nan), np.full(probe.n, "", object)
+    for k, point in enumerate(position):
+        holders, outside = locate(geometry, point)
+        if outside <= geometry.mesh.tolerance:
+            displacement[k] = interpolate(geometry, fields, holders, point)
+            bonds = geometry.is_peridynamic[next(iter(holders))]
+            kind[k] = "peridynamics" if bonds else "finite elements"
+    return Line(distance, position, displacement, kind.astype(str))
+
+
+def positions_along(probe: LineProbe) -> tuple[np.ndarray, np.ndarray]:
+    """Distances from the start, shape (n,), and positions, shape (n, 3), of a line's samples."""
     start, stop = np.array(probe.start), np.array(probe.stop)
     t = np.arange(probe.n) / (probe.n - 1)
     position = start + t[:, None] * (stop - start)
     position[-1] = stop
-    displacement, kind = np.full((probe.n, 3), np.nan), np.full(probe.n, "", object)
-    for k, point in enumerate(position):
-        holders, outside = locate(discretization, point)
-        if outside <= discretization.mesh.tolerance:
-            displacement[k] = interpolate(discretization, fields, holders, point)
-            bonds = discretization.is_peridynamic[next(iter(holders))]
-            kind[k] = "peridynamics" if bonds else "finite elements"
-    return Line(t * float(np.linalg.norm(stop - start)), position, displacement, kind.astype(str))
+    return t * float(np.linalg.norm(stop - start)), position

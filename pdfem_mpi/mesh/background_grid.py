@@ -39,9 +39,10 @@ def moment_table(derivatives, degree: int = 1) -> np.ndarray:
     return table
 
 
-def cell_nodes(counts, degree: int = 1) -> np.ndarray:
-    """Grid nodes of all grid cells, shape (n, (degree + 1)**3)."""
-    i, j, k = (degree * index for index in np.unravel_index(np.arange(int(np.prod(counts))), counts))
+def cell_nodes(counts, degree: int = 1, cells: np.ndarray | None = None) -> np.ndarray:
+    """Grid nodes of the given grid cells, or of all, shape (n, (degree + 1)**3)."""
+    cells = np.arange(int(np.prod(counts))) if cells is None else cells
+    i, j, k = (degree * index for index in np.unravel_index(cells, counts))
     planes = degree * np.asarray(counts) + 1
     return np.stack(
         [((i + a) * planes[1] + (j + b)) * planes[2] + (k + c) for a, b, c in product(range(degree + 1), repeat=3)],

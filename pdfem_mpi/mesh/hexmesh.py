@@ -16,6 +16,8 @@ POSITION_TOLERANCE = 1e-6
 FACES = np.array([(0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)])
 #: Local nodes of the twelve edges: around the lower face, around the upper one, and between them.
 EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+#: Cells whose edges are measured together.
+BATCH = 2**12
 #: Cells that a message names, at most.
 LISTED = 3
 
@@ -78,29 +80,32 @@ class HexMesh:
         return total / 8.0
 
     @cached_property
+    def _edge_range(self) -> tuple[float, float]:
+        return _range_of_edges(self)
+
+    @property
     def largest_edge(self) -> float:
         """Longest edge of all cells, dimension length."""
-        return float(self._edges().max())
+        return self._edge_range[1]
 
-    @cached_property
+    @property
     def smallest_edge(self) -> float:
         """Shortest edge of all cells, dimension length."""
-        return float(self._edges().min())
+        return self._edge_range[0]
 
-    @cached_property
+    @property
     def mean_edge(self) -> float:
         """Half-way between the shortest and the longest edge of all cells, dimension length."""
-        edges = self._edges()
-        return 0.5 * (float(edges.min()) + float(edges.max()))
+        return 0.5 * (self.smallest_edge + self.largest_edge)
 
     @cached_property
     def average_edge(self) -> float:
         """Mean over the twelve edges of all cells, the same bits in any numbering, dimension length."""
-        edges = self._edges()
-        return math.fsum(edges.reshape(-1)) / edges.size
+        return math.fsum(self.edges().reshape(-1)) / (12 * len(self.cells))
 
-    def _edges(self) -> np.ndarray:
-        corners = self.nodes[self.cells]
+    def edges(self, cells: slice = slice(None)) -> np.ndarray:
+        """Lengths of the twelve edges of some cells; float64, shape (12, n), dimension length."""
+        corners = self.nodes[self.cells[cells]]
         return np.stack([np.linalg.norm(corners[:, a] - corners[:, b], axis=1) for a, b in EDGES])
 
     def cells_in_box(self, lower, upper) -> np.ndarray:
@@ -167,6 +172,13 @@ class HexMesh:
         touched = np.zeros(len(self.nodes), bool)
         touched[self.cells[chosen]] = True
         return touched[self.cells].any(axis=1)
+
+
+def _range_of_edges(mesh: HexMesh) -> tuple[float, float]:
+    """Shortest and longest edge of all cells, dimension length."""
+    batches = (mesh.edges(slice(k, k + BATCH)) for k in range(0, len(mesh.cells), BATCH))
+    ranges = [(float(edges.min()), float(edges.max())) for edges in batches]
+    return min(low for low, _ in ranges), max(high for _, high in ranges)
 
 
 def list_cells(mesh: HexMesh, cells: np.ndarray) -> str:

@@ -9,13 +9,14 @@ import numpy as np
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_volumes
 from pdfem_mpi.mesh.hexmesh import HexMesh
+from pdfem_mpi.parallel.comm import report_progress
 
 #: The three neighbours of each local node (VTK order), so that a cube's are a right-handed triple.
 CORNERS = np.array([(1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7), (7, 5, 0), (4, 6, 1), (5, 7, 2), (6, 4, 3)])
 #: Volumes of Gauss points and lengths below this fraction of the longest edge's are round-off of nothing at all.
 FLAT = 1e-15
 #: Cells measured together.
-BATCH = 2**15
+BATCH = 2**12
 #: Bad cells that a message lists.
 LISTED = 3
 
@@ -69,6 +70,7 @@ def measure(mesh: HexMesh, number: np.ndarray | None = None) -> Quality:
         bad.append(start + np.flatnonzero(flat & ~clockwise))
         shortest, longest = min(shortest, length.min()), max(longest, length.max())
         jacobian, volume = min(jacobian, scaled.min()), min(volume, volumes.min())
+        report_progress()
     messages = []
     for cells, what, remedy in (
         (

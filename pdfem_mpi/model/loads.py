@@ -1,7 +1,7 @@
 """Loads and supports of a deck as vectors over the unknowns, and the rigid motions they leave free.
 
-All vectors are in model units, at load factor 1. Nodal loads are summed on the global mesh in the order of cells,
-so every rank finds the same bits.
+All vectors are in model units, at load factor 1. The owner of a node sums its loads over all cells around it, in the
+order of the mesh, so that any number of ranks finds the same bits.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.loads import BodyForce
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
@@ -21,8 +21,8 @@ from pdfem_mpi.model.balance import find_unbalanced, remove_free_motion, without
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import combine, free_motions, rigid_gram, rigid_modes
 from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsupported
-from pdfem_mpi.model.selection import select_cells
 from pdfem_mpi.model.supports import prescribe
+from pdfem_mpi.model.thermal import Thermal, make_thermal
 from pdfem_mpi.model.tractions import traction_forces
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.clusters import cluster_layout
@@ -57,6 +57,8 @@ class LoadCase:
         Largest prescribed displacement.
     load : float, dimension force
         Resultant of the external forces that push one way (those along the axes, or those against them).
+    thermal : Thermal or None
+        The strain of a change of temperature, whose forces are part of ``external``.
     taken : float64, shape (3,), dimension force
         Sums of the forces along x, y and z that loads put on held places, where supports take them at once; NaN where
         there are none.
@@ -75,9 +77,10 @@ class LoadCase:
     reach: float
     load: float
     taken: np.ndarray
+    thermal: Thermal | None = None
 
 
-def make_load_case(scene: Scene, discretization: Discretization, model: Model) -> LoadCase:
+def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
     """Assemble the deck's loads and supports for this rank, and check that free motions are balanced. Collective.
 
     Raises
@@ -88,18 +91,18 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
     """
     messages: list[str] = []
     fitted = scene.peridynamics.surface_correction == "fitted"
-    on_cells, on_nodes, on_points = _sum_loads(scene, discretization, fitted, messages)
-    prescription = prescribe(scene, discretization, messages)
+    on_cells, on_nodes, on_points = _sum_loads(scene, share, fitted, messages)
+    prescription = prescribe(scene, share, messages)
     if messages:
         raise SceneError(messages)
 
-    _lump_on_nodes(discretization, on_cells, on_nodes)
-    on_free_points = _point_forces(discretization, model, on_cells)
+    _lump_on_nodes(share, on_cells, on_nodes)
+    on_free_points = _point_forces(share, model, on_cells)
     if model.points and fitted:
-        on_free_points += cluster_layout(on_points[model.subdomain.free])
-    external = _join(model, on_free_points, on_nodes)
+        on_free_points += cluster_layout(on_points[share.subdomain.free])
+    external = _join(share, model, on_free_points, on_nodes)
     amounts, holders = (
-        _join(model, _pick_points(discretization, model, on_cells), on_nodes) for on_cells, on_nodes in prescription
+        _join(share, model, _pick_points(share, model, on_cells), on_nodes) for on_cells, on_nodes in prescription
     )
     del on_free_points, prescription
     fixed = ~np.isnan(amounts)
@@ -114,7 +117,7 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
     external[fixed] = 0.0
     free, parts = free_motions(model, fixed), find_parts(model)
     unsupported = find_unsupported(model, parts, fixed) if parts.count > 1 else ()
-    volume = _volume(discretization, model) if len(free) or unsupported else None
+    volume = _volume(share, model) if len(free) or unsupported else None
     case = LoadCase(
         external=external,
         fixed=fixed,
@@ -126,35 +129,43 @@ def make_load_case(scene: Scene, discretization: Discretization, model: Model) -
         unsupported=unsupported,
         held=held,
         moves=tuple(any((s.x, s.y, s.z)) for s in scene.supports),
-        reach=max((abs(a) for s in scene.supports for a in (s.x, s.y, s.z) if a), default=0.0)
-        / discretization.units.length,
+        reach=_largest_displacement(scene, share),
         load=_one_way(model, external),
         taken=taken,
     )
     if messages := find_unbalanced(model, free, parts, unsupported, external):
         raise SceneError(messages)
-    return case
+    return _with_thermal(scene, share, model, case)
 
 
-def _sum_loads(
-    scene: Scene, discretization: Discretization, fitted: bool, messages: list[str]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All loads of the deck, model units; what is wrong with them is added to ``messages``.
+def _with_thermal(scene: Scene, share: Share, model: Model, case: LoadCase) -> LoadCase:
+    """The load case with the forces of thermal strain, which are in balance by themselves. Collective."""
+    thermal = make_thermal(scene, share, model)
+    if thermal is None:
+        return case
+    return replace(case, external=case.external + np.where(case.fixed, 0.0, thermal.forces), thermal=thermal)
+
+
+def _sum_loads(scene: Scene, share: Share, fitted: bool, messages: list[str]):
+    """Body forces per volume of cells, and tractions on nodes and on the points of cells. Collective.
 
     Returns
     -------
-    float64, shapes (n_cells, 3), (n_mesh_nodes, 3) and (n_cells, 8, 3)
-        Body force per volume of the cells, forces on nodes, and on the points of cells.
+    on_cells, on_nodes, on_points : float64, shapes (n_cells, 3), (n_nodes, 3), (n_cells, 8, 3)
     """
-    on_cells = np.zeros((len(discretization.mesh.cells), 3))
-    on_nodes = np.zeros((len(discretization.nodes), 3))
-    on_points = np.zeros((len(discretization.mesh.cells), 8, 3))
-    for index, load in enumerate(scene.loads):
+    on_cells = np.zeros((len(share.mesh.cells), 3))
+    on_nodes = np.zeros((len(share.nodes), 3))
+    on_points = np.zeros((len(share.mesh.cells), 8, 3))
+    selections = share.selections
+    for index, (load, chosen) in enumerate(zip(scene.loads, selections.loads, strict=True)):
+        messages += selections.problems_of_loads[index]
+        if chosen is None:
+            continue
         try:
             if isinstance(load, BodyForce):
-                on_cells += _density(discretization, load, f"loads.{index}", scene)
+                on_cells[chosen.cells] += _density(share, load, chosen.cells)
             else:
-                nodal, of_points = traction_forces(discretization, load, f"loads.{index}", fitted)
+                nodal, of_points = traction_forces(share, load, chosen, f"loads.{index}", fitted)
                 on_nodes += nodal
                 on_points += of_points
         except SceneError as error:
@@ -169,12 +180,12 @@ def without_loads_on_loose_parts(model: Model, case: LoadCase) -> tuple[LoadCase
     return replace(case, external=external, load=_one_way(model, external)), parts
 
 
-def _volume(discretization: Discretization, model: Model) -> np.ndarray:
+def _volume(share: Share, model: Model) -> np.ndarray:
     """Share of the body's volume that each unknown stands for; float64, shape (n_unknowns,)."""
-    ones = np.ones((len(discretization.mesh.cells), 3))
-    on_nodes = np.zeros((len(discretization.nodes), 3))
-    _lump_on_nodes(discretization, ones, on_nodes)
-    return _join(model, _point_forces(discretization, model, ones), on_nodes)
+    ones = np.ones((len(share.mesh.cells), 3))
+    on_nodes = np.zeros((len(share.nodes), 3))
+    _lump_on_nodes(share, ones, on_nodes)
+    return _join(share, model, _point_forces(share, model, ones), on_nodes)
 
 
 def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarray:
@@ -184,6 +195,13 @@ def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarra
     ones = np.ones_like(force)
     sums = exact_dots(model.comm, [(values, ones) for side in sides for values in (side, np.abs(side))]).reshape(3, 2)
     return np.where(sums[:, 1] > 0.0, sums[:, 0], np.nan)
+
+
+def _largest_displacement(scene: Scene, share: Share) -> float:
+    """Largest prescribed component, model units."""
+    units = share.units
+    prescribed = (a for s in scene.supports for a in (s.x, s.y, s.z))
+    return float(units.numbers(max((abs(a) for a in prescribed if a), default=0.0) / units.length))
 
 
 def _one_way(model: Model, external: np.ndarray) -> float:
@@ -213,50 +231,47 @@ def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
     u -= combine(model, np.linalg.solve(motions @ case.rigid_gram @ motions.T, motions @ work) @ motions)
 
 
-def _density(discretization: Discretization, load: BodyForce, where: str, scene: Scene) -> np.ndarray:
-    """Body force per volume on each cell, shape (n_cells, 3), model units."""
-    chosen = select_cells(discretization, load, where, scene)
-    units = discretization.units
+def _density(share: Share, load: BodyForce, cells: np.ndarray) -> np.ndarray:
+    """Body force per volume on the chosen cells, (3,), model units. Collective."""
+    units = share.units
     if load.density is not None:
-        density = np.array(load.density) * (units.length / units.stress)
-    else:
-        corners = discretization.nodes[discretization.mesh.cells[chosen]]
-        density = np.array(load.total) / units.force / math.fsum(gauss_volumes(corners).reshape(-1))
-    return np.where(chosen[:, None], density, 0.0)
+        return units.numbers(np.array(load.density) * (units.length / units.stress))
+    volumes = gauss_volumes(share.nodes[share.mesh.cells[cells[share.is_owned[cells]]]])
+    return units.numbers(np.array(load.total) / units.force / share.exact_sums([volumes])[0])
 
 
-def _lump_on_nodes(discretization: Discretization, on_cells: np.ndarray, on_nodes: np.ndarray) -> None:
+def _lump_on_nodes(share: Share, on_cells: np.ndarray, on_nodes: np.ndarray) -> None:
     """Add the body force of elements and overlap cells to their nodes (26)."""
-    cells = np.flatnonzero(discretization.has_nodes & (on_cells != 0).any(axis=1))
-    corners = discretization.mesh.cells[cells]
-    volumes = gauss_volumes(discretization.nodes[corners])
+    cells = np.flatnonzero(share.has_nodes & (on_cells != 0).any(axis=1))
+    corners = share.mesh.cells[cells]
+    volumes = gauss_volumes(share.nodes[corners])
     for a in range(8):
-        share = np.zeros(len(cells))
+        part = np.zeros(len(cells))
         for p in range(8):
-            share += SHAPE_AT_GAUSS[p, a] * volumes[:, p]
-        np.add.at(on_nodes, corners[:, a], share[:, None] * on_cells[cells])
+            part += SHAPE_AT_GAUSS[p, a] * volumes[:, p]
+        np.add.at(on_nodes, corners[:, a], part[:, None] * on_cells[cells])
 
 
-def _point_forces(discretization: Discretization, model: Model, on_cells: np.ndarray) -> np.ndarray:
+def _point_forces(share: Share, model: Model, on_cells: np.ndarray) -> np.ndarray:
     """Body force times volume of the free points, flat in cluster layout."""
     if not model.points or not on_cells.any():
         return np.zeros(3 * model.unknowns.n_points)
-    density = _pick_points(discretization, model, on_cells)
+    density = _pick_points(share, model, on_cells)
     return density * np.repeat(model.points.volume[: model.unknowns.n_points].reshape(-1, 1, W), 3, axis=1).reshape(-1)
 
 
-def _pick_points(discretization: Discretization, model: Model, on_cells: np.ndarray) -> np.ndarray:
+def _pick_points(share: Share, model: Model, on_cells: np.ndarray) -> np.ndarray:
     """Values of the free cells, repeated for their points, flat in cluster layout."""
     if not model.points:
         return np.empty(0)
-    return cluster_layout(np.repeat(on_cells[model.subdomain.free][:, None, :], 8, axis=1))
+    return cluster_layout(np.repeat(on_cells[share.subdomain.free][:, None, :], 8, axis=1))
 
 
-def _join(model: Model, on_points: np.ndarray, on_nodes: np.ndarray) -> np.ndarray:
+def _join(share: Share, model: Model, on_points: np.ndarray, on_nodes: np.ndarray) -> np.ndarray:
     """The flat vector over the unknowns; where there is nothing but zeros, no page of it is written."""
     joined = np.zeros(model.n_unknowns)
     if on_points.any():
         model.unknowns.of_points(joined)[:] = on_points
     if model.nodes:
-        model.unknowns.of_nodes(joined)[:] = on_nodes[model.subdomain.owned_nodes]
+        model.unknowns.of_nodes(joined)[:] = on_nodes[share.subdomain.owned_nodes]
     return joined

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization, ModelUnits
-from pdfem_mpi.body.share import Subdomain, cut_out, partition
+from pdfem_mpi.body.model_units import ModelUnits
+from pdfem_mpi.body.share import Share, Subdomain
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.finite_elements.elements import Elements, make_elements
 from pdfem_mpi.finite_elements.nodes import Nodes, local_nodes, make_nodes
@@ -25,6 +25,7 @@ from pdfem_mpi.peridynamics.fit.fit import BodyFit
 from pdfem_mpi.peridynamics.fracture_energy import energy_of_own_bonds
 from pdfem_mpi.peridynamics.making_bonds import bonds_of_scene
 from pdfem_mpi.peridynamics.points import Points, make_points
+from pdfem_mpi.peridynamics.softened import in_their_rows
 from pdfem_mpi.peridynamics.stable_masses import relaxes
 from pdfem_mpi.peridynamics.uneven import CONVERGED, most_uneven_point
 from pdfem_mpi.peridynamics.volumetric import Moment
@@ -41,9 +42,8 @@ class Model:
     ----------
     comm : Intracomm
     units : ModelUnits
-    owner : int32, shape (n_cells,)
-        Rank of every cell of the mesh.
     subdomain : Subdomain
+        Places of its cells and nodes in the rank's share.
     points, bonds, nodes, elements, overlap : or None
         What the scene has; the same parts on every rank, though a rank's share may be empty.
     mass : float64, shape (n_unknowns,), dimension force / length
@@ -71,7 +71,6 @@ class Model:
 
     comm: Intracomm
     units: ModelUnits
-    owner: np.ndarray
     subdomain: Subdomain
     points: Points | None
     bonds: Bonds | None
@@ -110,7 +109,7 @@ class Model:
         return self.unknowns.size
 
     @property
-    def share(self) -> np.ndarray:
+    def own_part(self) -> np.ndarray:
         """Part of each unknown on this side of mirror planes: 1/2 on one, 1/4 on two; float64, shape (n_unknowns,)."""
         planes = np.zeros(self.n_unknowns)
         planes[self.rollers] = 1.0
@@ -119,8 +118,8 @@ class Model:
         return 0.5**planes
 
 
-def build_model(scene: Scene, discretization: Discretization, comm: Intracomm, fits: tuple[Path, ...] = ()) -> Model:
-    """Cut out this rank's share and compute its constants. Collective.
+def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, ...] = ()) -> Model:
+    """Compute the constants of a rank's share. Collective.
 
     Parameters
     ----------
@@ -130,37 +129,34 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm, f
     Raises
     ------
     SceneError
-        More ranks than cells; a body whose bond factors cannot be fitted, or whose bonds do not bear its Poisson's
-        ratio.
+        A body whose bond factors cannot be fitted, or whose bonds do not bear its Poisson's ratio.
     """
-    owner = partition(discretization, comm.size)
-    subdomain = cut_out(discretization, owner, comm.rank)
+    subdomain, counts = share.subdomain, share.counts
     points = bonds = nodes = elements = overlap = body_fit = None
     remaining, cut, intact_weights, own_energy = 0.0, [], None, None
     most_uneven = None
-    if discretization.has_points.any():
-        points = make_points(discretization, subdomain, comm)
-        bonds, remaining, body_fit = bonds_of_scene(scene, discretization, subdomain, comm, points, fits)
+    if counts.point_cells:
+        points = make_points(share, comm)
+        bonds, remaining, body_fit = bonds_of_scene(scene, share, comm, points, fits)
         if remaining > CONVERGED:
             virial = scene.peridynamics.surface_correction != "appendix_a"
-            most_uneven = most_uneven_point(comm, points, discretization.materials, bonds, virial)
-        if scene.output.damage:
+            most_uneven = most_uneven_point(comm, points, share.materials, bonds, virial)
+        if scene.output.has_damage:
             intact_weights = family_weights(comm, points, bonds)
         if scene.can_fail:
-            own_energy = energy_of_own_bonds(comm, scene, discretization, subdomain.point_cells, points, bonds)
-        cut = [cut_crack(discretization, comm, points, bonds, crack) for crack in scene.cracks]
-    if discretization.has_nodes.any():
-        nodes = make_nodes(discretization, subdomain, comm)
-        local = local_nodes(discretization, subdomain)
-    if discretization.has_stiffness.any():
-        elements = make_elements(discretization, subdomain, local, comm, scene.kinematics == "finite")
-    if discretization.is_overlap.any():
-        overlap = Overlap(local[discretization.mesh.cells[subdomain.overlap]])
+            own_energy = energy_of_own_bonds(comm, scene, share, points, bonds)
+        cut = [cut_crack(share, comm, points, bonds, crack) for crack in scene.cracks]
+    if counts.node_cells:
+        nodes = make_nodes(share, comm)
+        local = local_nodes(share)
+    if counts.elements:
+        elements = make_elements(share, local, comm, scene.kinematics == "finite")
+    if counts.overlap_cells:
+        overlap = Overlap(local[share.mesh.cells[subdomain.overlap]])
     mass, raised = make_masses(comm, points, bonds, nodes, elements, overlap, relaxes(scene))
     return Model(
         comm=comm,
-        units=discretization.units,
-        owner=owner,
+        units=share.units,
         subdomain=subdomain,
         points=points,
         bonds=bonds,
@@ -172,8 +168,8 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm, f
         most_uneven=most_uneven,
         body_fit=body_fit,
         cut=tuple(cut),
-        mirrors=discretization.mirrors,
-        rollers=_rollers(discretization, subdomain, points, nodes),
+        mirrors=share.mirrors,
+        rollers=_rollers(share, points, nodes),
         intact_weights=intact_weights,
         raised_masses=raised,
         own_energy=own_energy,
@@ -183,48 +179,40 @@ def build_model(scene: Scene, discretization: Discretization, comm: Intracomm, f
 def with_stable_masses(model: Model) -> Model:
     """The same model with masses for relaxation, as its bonds are now. Collective.
 
-    They depend on nothing but the surviving bonds, so that a run that goes on from a checkpoint finds the same.
+    They depend on nothing but the surviving bonds, softened ones as if they were intact, so that a run that goes on
+    from a checkpoint finds the same.
     """
     parts = model.points, model.bonds, model.nodes, model.elements, model.overlap
-    mass, raised = make_masses(model.comm, *parts, True)
+    with in_their_rows(model.bonds):
+        mass, raised = make_masses(model.comm, *parts, True)
     return replace(model, mass=mass, raised_masses=raised)
 
 
-def build_intact_elements(discretization: Discretization, model: Model) -> Model:
+def build_intact_elements(share: Share, model: Model) -> Model:
     """The same body with a finite element in every cell, on the same ranks. Collective.
 
     Its stiffness is the local limit of the bonds: what coarse spaces are made of. Masses are left 0.
     """
-    everywhere = np.ones(len(discretization.mesh.cells), bool)
-    intact = replace(
-        discretization,
-        has_points=~everywhere,
-        is_overlap=~everywhere,
-        body=np.full(len(everywhere), -1, np.int32),
-        has_stiffness=everywhere,
-        point_cell_number=np.full(len(everywhere), -1),
-        node_number=np.arange(len(discretization.nodes)),
-    )
-    subdomain = cut_out(intact, model.owner, model.comm.rank)
-    nodes = make_nodes(intact, subdomain, model.comm)
-    elements = make_elements(intact, subdomain, local_nodes(intact, subdomain), model.comm, False)
+    intact = share.with_elements_everywhere()
+    nodes = make_nodes(intact, model.comm)
+    elements = make_elements(intact, local_nodes(intact), model.comm, False)
     return replace(
         model,
-        subdomain=subdomain,
+        subdomain=intact.subdomain,
         points=None,
         bonds=None,
         nodes=nodes,
         elements=elements,
         overlap=None,
         mass=np.zeros(3 * nodes.n_owned),
-        rollers=_rollers(intact, subdomain, None, nodes),
+        rollers=_rollers(intact, None, nodes),
         intact_weights=None,
     )
 
 
-def _rollers(discretization: Discretization, subdomain: Subdomain, points: Points | None, nodes: Nodes | None):
+def _rollers(share: Share, points: Points | None, nodes: Nodes | None):
     """Unknowns of owned nodes that are normal to a mirror plane through the node, int64."""
     if not nodes:
         return np.empty(0, np.int64)
     first = 24 * points.n_free if points else 0
-    return first + np.flatnonzero(discretization.plane_components[subdomain.owned_nodes])
+    return first + np.flatnonzero(share.plane_components[share.subdomain.owned_nodes])

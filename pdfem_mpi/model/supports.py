@@ -4,75 +4,61 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.mesh import named_sets
-from pdfem_mpi.model.selection import select_cells
+from pdfem_mpi.parallel.comm import sum_integers
 
 
-def prescribe(scene: Scene, discretization: Discretization, messages: list[str]):
-    """Prescribed displacements, model units, and the supports that prescribe them; NaN where free.
+def prescribe(scene: Scene, share: Share, messages: list[str]):
+    """Prescribed displacements, model units, and the supports that prescribe them; NaN where free. Collective.
 
-    Both for the points of cells (n_cells, 3) and for nodes (n_mesh_nodes, 3).
+    Both for the points of the share's cells (n_cells, 3) and for its nodes (n_nodes, 3).
     """
-    mesh = discretization.mesh
-    on_cells = np.full((len(mesh.cells), 3), np.nan)
-    on_nodes = np.full((len(mesh.nodes), 3), np.nan)
+    on_cells = np.full((len(share.mesh.cells), 3), np.nan)
+    on_nodes = np.full((len(share.nodes), 3), np.nan)
     by_cells, by_nodes = on_cells.copy(), on_nodes.copy()
-    mirrored = discretization.plane_components
-    for index, support in enumerate(scene.supports):
+    mirrored = share.plane_components
+    own_nodes = np.zeros(len(share.nodes), bool)
+    own_nodes[share.subdomain.owned_nodes] = True
+    for index, (support, chosen) in enumerate(zip(scene.supports, share.selections.supports, strict=True)):
         where = f"supports.{index}"
-        try:
-            cells = select_cells(discretization, support, where, scene)
-        except SceneError as error:
-            messages += error.messages
+        messages += share.selections.problems_of_supports[index]
+        if chosen is None:
             continue
-        nodes = np.zeros(len(mesh.nodes), bool)
-        nodes[mesh.cells[cells & discretization.has_nodes]] = True
-        if support.face is not None:
-            nodes &= mesh.nodes_on_face(support.face)
-        if support.set is not None:
-            nodes, stray = _nodes_of_set(discretization, support, where, cells)
-            messages += stray
+        cells, nodes = chosen.cells[~share.has_nodes[chosen.cells]], chosen.nodes
         for d, amount in enumerate((support.x, support.y, support.z)):
             if amount is None:
                 continue
-            displacement = amount / discretization.units.length
-            through = np.count_nonzero(nodes & mirrored[:, d])
-            if through and amount:
+            displacement = float(share.units.numbers(amount / share.units.length))
+            through = _count(share, own_nodes[nodes] & mirrored[nodes, d]) if amount and share.mirrors else 0
+            if through:
                 messages.append(
                     f"{where}.{'xyz'[d]} = {amount:.6g} moves {through} nodes out of a mirror plane (mesh.symmetry). "
                     "Keep the support off the plane, or remove the mirror."
                 )
-            for table, holder, chosen in (
-                (on_cells, by_cells, cells & ~discretization.has_nodes),
-                (on_nodes, by_nodes, nodes),
+            for table, holder, places, owned, numbers in (
+                (on_cells, by_cells, cells, share.is_owned, share.mesh.cell_id),
+                (on_nodes, by_nodes, nodes, own_nodes, share.mesh.node_id),
             ):
-                other = chosen & ~np.isnan(table[:, d]) & (table[:, d] != displacement)
-                if other.any():
-                    before = table[np.flatnonzero(other)[0], d] * discretization.units.length
+                before = table[places, d]
+                other = owned[places] & ~np.isnan(before) & (before != displacement)
+                if count := _count(share, other):
+                    value = _first(share, numbers[places[other]], before[other]) * share.units.length
                     messages.append(
-                        f"{where}.{'xyz'[d]} = {amount:.6g} contradicts {before:.6g}, prescribed by an earlier support "
-                        f"at {np.count_nonzero(other)} of the same places. Keep one of them."
+                        f"{where}.{'xyz'[d]} = {amount:.6g} contradicts {value:.6g}, prescribed by an earlier support "
+                        f"at {count} of the same places. Keep one of them."
                     )
-                table[chosen, d] = displacement
-                holder[chosen, d] = index
+                table[places, d] = displacement
+                holder[places, d] = index
     on_nodes[mirrored] = 0.0
     return (on_cells, on_nodes), (by_cells, by_nodes)
 
 
-def _nodes_of_set(discretization: Discretization, support, where: str, cells: np.ndarray):
-    """Nodes of elements that a support's set holds, bool, (n_nodes,), and what it holds where nothing can be."""
-    mesh = discretization.mesh
-    wanted = named_sets.nodes_of(mesh, support, where)
-    chosen = wanted & (discretization.node_number >= 0)
-    wanted[mesh.cells[cells]] = False
-    stray = np.flatnonzero(wanted & ~chosen)
-    if not len(stray):
-        return chosen, []
-    place = ", ".join(f"{c:.6g}" for c in mesh.nodes[stray[0]])
-    return chosen, [
-        f"{where}.set = {support.set} has {len(stray)} nodes of peridynamic cells that make up no face of one, the "
-        f"first at ({place}): peridynamic points are held beneath faces or in cells. Use such a set."
-    ]
+def _count(share: Share, chosen: np.ndarray) -> int:
+    return int(sum_integers(share.comm, np.array([np.count_nonzero(chosen)]))[0])
+
+
+def _first(share: Share, numbers: np.ndarray, values: np.ndarray) -> float:
+    """The value at the lowest number on all ranks. Collective."""
+    own = (int(numbers[0]), float(values[0])) if len(numbers) else None
+    return min(found for found in share.comm.allgather(own) if found)[1]

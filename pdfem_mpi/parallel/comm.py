@@ -11,10 +11,12 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from pdfem_mpi.parallel.traffic import TRAFFIC
 from pdfem_mpi.system.exit_codes import EXIT_INTERNAL_ERROR
 
 if TYPE_CHECKING:
@@ -83,7 +85,10 @@ _observers: list[Callable[[], None]] = []
 
 @contextmanager
 def observing_progress(beat: Callable[[], None]) -> Iterator[None]:
-    """Call ``beat`` whenever something comes through from the other ranks: a sum, an object or a slab of rows."""
+    """Call ``beat`` whenever something comes through from the other ranks: a sum, an object or a slab of rows.
+
+    Also while this rank works for long by itself, in a loop that ends for sure.
+    """
     _observers.append(beat)
     try:
         yield
@@ -92,7 +97,7 @@ def observing_progress(beat: Callable[[], None]) -> Iterator[None]:
 
 
 def report_progress() -> None:
-    """Call the observers: something came through from the other ranks."""
+    """Call the observers: something came through from the other ranks, or this one is at work."""
     for beat in _observers:
         beat()
 
@@ -106,7 +111,9 @@ def sum_integers(comm: Intracomm, values: Array) -> Array:
     """
     own = np.asarray(values).astype(np.int64, order="C", casting="safe")
     total = np.empty_like(own)
+    began = perf_counter()
     comm.Allreduce(own, total, op=mpi().SUM)
+    TRAFFIC.add_reduction(own.nbytes, perf_counter() - began)
     report_progress()
     return total
 
@@ -121,10 +128,12 @@ def largest(comm: Intracomm, values: Array) -> Array:
     """
     own = np.asarray(values, dtype=np.float64)
     is_nan = np.isnan(own)
-    # MAX would leave it to the order of ranks what becomes of NaN and of -0
+    # with MAX alone the result for NaN and for -0 would depend on the order of the ranks
     both = np.stack([np.where(is_nan, -np.inf, own) + 0.0, is_nan])
     result = np.empty_like(both)
+    began = perf_counter()
     comm.Allreduce(both, result, op=mpi().MAX)
+    TRAFFIC.add_reduction(both.nbytes, perf_counter() - began)
     report_progress()
     return np.where(result[1] > 0.0, np.nan, result[0])
 
@@ -149,9 +158,9 @@ def agree(comm: Intracomm, messages: list[str]) -> list[str]:
     return list(dict.fromkeys(message for own in everybody for message in own))
 
 
-def broadcast(comm: Intracomm, value: T) -> T:
-    """Return rank 0's ``value`` (any object that can be pickled) on every rank. Collective."""
-    word = comm.bcast(value, root=0)
+def broadcast(comm: Intracomm, value: T, root: int = 0) -> T:
+    """Return a rank's ``value`` (any object that can be pickled) on every rank. Collective."""
+    word = comm.bcast(value, root=root)
     report_progress()
     return word
 
@@ -178,6 +187,19 @@ def on_root(comm: Intracomm, action: Callable[[], Any]) -> Any:
     if messages:
         raise NotWritten(messages[0])
     return result
+
+
+def on_root_beating(comm: Intracomm, action: Callable[[Callable[[], None]], None]) -> None:
+    """Run ``action(beat)`` on rank 0, where it may take long; every call of ``beat`` is heard by all. Collective.
+
+    The action keeps its errors to itself.
+    """
+    if comm.rank == 0:
+        action(lambda: broadcast(comm, True))
+        broadcast(comm, False)
+        return
+    while broadcast(comm, False):
+        pass
 
 
 def install_abort_hook(comm: Intracomm) -> None:

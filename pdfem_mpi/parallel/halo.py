@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pdfem_mpi.parallel.comm import Array, agree, mpi
+from pdfem_mpi.parallel.traffic import TRAFFIC
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -126,6 +128,8 @@ class Halo:
             np.take(a, index, axis=0, out=out, mode="clip")  # twice as fast; would copy all of a strided view
         else:
             out[...] = a[index]
+        TRAFFIC.messages += len(self._lent.parts if forward else self._ghosts.parts)
+        TRAFFIC.sent_bytes += out.nbytes
         self._under_way[kind] = direction, [post() for post in getattr(buffers, direction)]
 
     def _finish(self, a: Array, direction: str) -> Buffers:
@@ -134,7 +138,9 @@ class Halo:
         started, requests = self._under_way.get(kind, (None, None))
         if started != direction:
             raise RuntimeError(f"Halo: no {direction} exchange of rows {kind} was started.")
+        began = perf_counter()
         self._mpi.Request.Waitall(requests)
+        TRAFFIC.waited += perf_counter() - began
         del self._under_way[kind]
         return self._buffers[kind]
 

@@ -75,6 +75,8 @@ class BondForces:
         yield "bonds", partial(self._sweep, self.bonds.interior, failure, margin, met, self.points.halo)
         yield "exchange", self.finish_forward
         yield "bonds", partial(self._sweep, self.bonds.boundary, failure, margin, met)
+        if self.bonds.softened:
+            yield "bonds", partial(add_softened, self, failure, margin, met)
         yield "exchange", self.start_reverse
 
     @property
@@ -91,11 +93,11 @@ class BondForces:
     def start(self, u: np.ndarray, bound: float) -> float:
         """Take the displacements of the free points, in cluster layout, and clear the forces; the quantum of these."""
         points, flat = self.points, self.S.reshape(-1)
-        quantum, self.pattern = pattern_for(self.force_bound(bound))
+        self.quantum, self.pattern = pattern_for(self.force_bound(bound))
         self.series = self.series if self.tangent else self.bonds.finite and bound <= bond_response.SERIES_LIMIT
         point_table.load_displacements(u, points.x, flat, 2 * points.n_free, self._has_z)
         point_table.reset_forces(self.SI.reshape(-1), self.excess, integer_bits(self.pattern))
-        return quantum
+        return self.quantum
 
     def complete_overlap(self) -> None:
         """Follow the displacements of the overlap's points, which have just been written."""
@@ -141,6 +143,13 @@ class BondForces:
         """Add the strain energy at the displacements of the last evaluation to an exact sum."""
         for rows in self.bonds.rows:
             add_energies(*rows.arrays, self.S.reshape(-1), self.bonds.finite, digits)
+        if self.bonds.softened:
+            self.bonds.softened.add_energies(self.S.reshape(-1), digits)
+
+    def beyond_stretch(self, held: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray | float]:
+        """For `virial`: what the forces of a point's bonds have in common, less what a thermal strain gives them
+        (``held``, shape (n_clusters * 4,), or empty), and the energy density that is the point's own."""
+        return (np.empty(0), np.empty(0, np.int16), np.ones((1, 1))), 0.0
 
     def displacements(self) -> np.ndarray:
         """Those of the owned points at the last evaluation, shape (n_owned * 8, 3), dimension length."""
@@ -177,6 +186,16 @@ class BondForces:
                     failure.book(self.points, self.bonds, self.S)
             if halo is not None:
                 halo.test()
+
+
+def add_softened(forces: BondForces, failure: Failure | None, margin: float, met: np.ndarray) -> None:
+    """Add the forces of bonds that have softened, once those that go on in this sweep have done so."""
+    softened = forces.bonds.softened
+    if failure:
+        failure.advance(forces.points, forces.S, margin)
+    forces.swept.add("tangent, softened" if forces.tangent else "softened")
+    add = softened.add_tangent if forces.tangent else softened.add_forces
+    met[0] = max(met[0], add(forces.S.reshape(-1), forces.SI.reshape(-1), forces.quantum))
 
 
 def pages(shape: tuple[int, ...]) -> np.ndarray:

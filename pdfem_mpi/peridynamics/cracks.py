@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.peridynamics import Crack, polygon_normal
 from pdfem_mpi.kernels.bond_cuts import cut_rows
 from pdfem_mpi.parallel.comm import sum_integers
@@ -12,15 +12,15 @@ from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.points import Points
 
 
-def cut_crack(discretization: Discretization, comm, points: Points, bonds: Bonds, crack: Crack) -> int:
+def cut_crack(share: Share, comm, points: Points, bonds: Bonds, crack: Crack) -> int:
     """Cut the bonds that cross a crack of the deck or one of its mirror images; their number. Collective."""
-    corners = (np.array(crack.polygon) - discretization.units.origin) / discretization.units.length
+    corners = share.units.places(np.array(crack.polygon))
     normal = np.array(polygon_normal(crack.polygon)[0])
-    reach = np.array([[-1.0], [1.0]]) * discretization.cutoff
-    body = np.array([discretization.nodes.min(axis=0), discretization.nodes.max(axis=0)]) + reach
+    reach = np.array([[-1.0], [1.0]]) * share.cutoff
+    body = np.array([share.lower, share.upper]) + reach
     box = np.array([corners.min(axis=0), corners.max(axis=0)])
     cut = cut_bonds(comm, points, bonds, corners, normal)
-    for sign, shift in zip(*discretization.mirrors.reflections(box, body), strict=True):
+    for sign, shift in zip(*share.mirrors.reflections(box, body), strict=True):
         cut += cut_bonds(comm, points, bonds, sign * corners + shift, sign * normal)
     return cut
 

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.materials import MaterialTable
-from pdfem_mpi.body.share import Subdomain
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels import families
 from pdfem_mpi.kernels.bond_failure import add_noise
@@ -20,13 +19,14 @@ from pdfem_mpi.peridynamics.bonds import RESPONSE_CONSTANT, Bonds
 from pdfem_mpi.peridynamics.fit.fit import BodyFit, fit_body
 from pdfem_mpi.peridynamics.points import Points
 from pdfem_mpi.peridynamics.rows import find_bonds, within_bodies
+from pdfem_mpi.peridynamics.softened import make_softened
 from pdfem_mpi.peridynamics.surface_correction import appendix_a
 from pdfem_mpi.peridynamics.volumetric import volumetric_part, with_moments
 from pdfem_mpi.system.heap import large_arrays_together
 
 
 def bonds_of_scene(
-    scene: Scene, discretization: Discretization, subdomain: Subdomain, comm, points: Points, fits: tuple[Path, ...]
+    scene: Scene, share: Share, comm, points: Points, fits: tuple[Path, ...]
 ) -> tuple[Bonds, float, BodyFit | None]:
     """The bonds that a deck describes, before cracks. Collective.
 
@@ -50,19 +50,22 @@ def bonds_of_scene(
     """
     settings, body_fit = scene.peridynamics, None
     fitted = settings.surface_correction == "fitted"
-    body = comm, points, discretization.materials, discretization.cutoff, scene.kinematics == "finite"
+    body = comm, points, share.materials, share.cutoff, scene.kinematics == "finite"
     correction = "virial" if fitted else settings.surface_correction
     bonds, remaining = make_bonds(*body, correction)
     if fitted:
         with large_arrays_together():
-            bonds, body_fit = fit_body(comm, discretization, subdomain, points, bonds, settings.signs, fits)
+            bonds, body_fit = fit_body(comm, share, points, bonds, settings.signs, fits)
         if body_fit.fit:
             remaining = 0.0
-        elif not len(discretization.thin):  # the fit that does not serve is written over them
+        elif not share.boundaries.thin:  # the fit that does not serve is written over them
             bonds, remaining = make_bonds(*body, correction)
     if settings.stiffness_noise:
         bonds = perturbed(points, bonds, settings.stiffness_noise, settings.seed)
-    return with_moments(comm, points, bonds, discretization.materials), remaining, body_fit
+    bonds = with_moments(comm, points, bonds, share.materials)
+    if scene.softens:
+        bonds = replace(bonds, softened=make_softened(scene, share, bonds))
+    return bonds, remaining, body_fit
 
 
 def make_bonds(

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.body.share import Subdomain
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.kernels.hex8 import gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.halo import Halo, build_halo
@@ -24,8 +23,7 @@ class Points:
     n_free, n_owned : int
         Numbers of owned cells with free points, and of all owned cells with points.
     cell_number : int64, shape (n_cells,)
-        Global number of each local cell among the cells with points; point ids are ``8 number + g``. An image has the
-        number of its cell.
+        Number of each local cell in the mesh; point ids are ``8 number + g``. An image has the number of its cell.
     material : int16, shape (n_cells,)
         Material of each local cell.
     x : float64, shape (n_cells * 24,), dimension length
@@ -37,7 +35,7 @@ class Points:
     images : Images or None
         None without mirror planes.
     n_numbers : int
-        Cells with points in the whole mesh; needed with images.
+        Cells of the whole mesh; needed with images.
     body : int32, shape (n_cells,), or None
         Body of each local cell, where there are several: no bonds between them.
     """
@@ -74,19 +72,20 @@ def sums_table(points: Points) -> tuple[np.ndarray, np.ndarray]:
     return T, T.view(np.int64).reshape(-1)
 
 
-def make_points(discretization: Discretization, subdomain: Subdomain, comm) -> Points:
+def make_points(share: Share, comm) -> Points:
     """The points that a rank sees. Collective."""
+    subdomain = share.subdomain
     owned = np.concatenate([subdomain.free, subdomain.overlap])
     cells = np.concatenate([owned, subdomain.ghosts])
-    corners = discretization.nodes[discretization.mesh.cells[cells]]
-    number = discretization.point_cell_number
+    corners = share.nodes[share.mesh.cells[cells]]
+    number = share.mesh.cell_id
     x, volume = gauss_positions(corners), gauss_volumes(corners)
     halo = build_halo(comm, number[owned], number[subdomain.ghosts], subdomain.ghost_owner)
     images = None
-    if discretization.mirrors:
+    if share.mirrors:
         local = np.full(len(number), -1)
         local[cells] = np.arange(len(cells))
-        sign, shift = (rows[subdomain.reflection - 1] for rows in discretization.reflections)
+        sign, shift = (rows[subdomain.reflection - 1] for rows in share.reflections)
         images = Images(local[subdomain.images], subdomain.reflection, sign, shift)
         halo = MirroredHalo(halo, images)
         x = np.concatenate([x, images.sign[:, None] * x[images.source] + images.shift[:, None]])
@@ -96,11 +95,11 @@ def make_points(discretization: Discretization, subdomain: Subdomain, comm) -> P
         n_free=len(subdomain.free),
         n_owned=len(owned),
         cell_number=number[cells],
-        material=discretization.material[cells],
+        material=share.material[cells],
         x=cluster_layout(x),
         volume=volume.reshape(-1),
         halo=halo,
         images=images,
-        n_numbers=discretization.n_point_cells,
-        body=discretization.body[cells] if discretization.n_bodies > 1 else None,
+        n_numbers=share.counts.cells,
+        body=share.body[cells] if share.counts.bodies > 1 else None,
     )

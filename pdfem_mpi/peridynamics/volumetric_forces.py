@@ -109,13 +109,16 @@ class VolumetricForces(BondForces):
         weight = self.points.volume.reshape(-1, W)[: len(material)] * (0.5 * self.law.modulus[material])[:, None]
         add_products((weight * theta).reshape(-1), theta.reshape(-1), digits)
 
+    def beyond_stretch(self, held: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray | float]:
+        """As of `BondForces`: ``q`` of all points, and ``1/2 M theta^2``."""
+        q = self.q - held if held.size else self.q
+        theta = self.law.dilatation(q.reshape(-1, W)[: 2 * self.points.n_owned])
+        modulus = self.law.modulus[self.law.material[: len(theta)]]
+        return (q, *self.law.of_bonds), (0.5 * modulus[:, None] * theta**2).reshape(-1, 8)
+
     def dilatation(self) -> np.ndarray:
         """``theta`` of the owned points at the last evaluation, 0 where ``M`` is; shape (n_owned_clusters, 4)."""
-        law = self.law
-        material = law.material[: 2 * self.points.n_owned]
-        modulus = law.modulus[material]
-        inverse = np.divide(10.0 * law.reference, modulus, out=np.zeros_like(modulus), where=modulus != 0.0)
-        return self.q.reshape(-1, W)[: len(material)] * inverse[:, None]
+        return self.law.dilatation(self.q.reshape(-1, W)[: 2 * self.points.n_owned])
 
     def _clear(self, bound: float) -> None:
         """Start the sums of the dilatations anew, for terms up to a bound."""

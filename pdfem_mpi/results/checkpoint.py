@@ -8,7 +8,9 @@ elsewhere is known before a number is read. HDF5's own tools open it as any othe
     header          JSON as bytes: what ran, where it was, what the results were then
     points/u ...    float64 (n, 3): the fields of the state on free points, in the order of cells, 8 each
     nodes/u ...     float64 (n, 3): the same on nodes
-    broken          uint32 or uint64 (n, 2): bonds broken so far, point ids i < j, sorted
+    broken          uint32 or uint64 (n, 2): bonds broken so far, point ids i < j, sorted; ids are 8 times the number
+                    of the cell in the mesh, and 0 to 7 (format 1: its number among the cells with points);
+                    (n, 3): with their teeth, where bonds soften
 
 Broken bonds are pairs and not bits over all bonds: pairs need no enumeration of all bonds, which no rank has, and the
 file stays small until most of the body is rubble (docs/restart.md has the sizes).
@@ -26,7 +28,7 @@ import json
 import os
 import re
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,7 +41,8 @@ from pdfem_mpi.results.own_storage import elsewhere
 from pdfem_mpi.system import faults
 from pdfem_mpi.system.files import sync
 
-FORMAT = 1
+#: Rises with the content; earlier ones are read. The header has it as ``schema``.
+FORMAT = 2
 MAGIC = b"pdfem_mpi checkpoint\n"
 SEAL = 512
 HEADER = "header"
@@ -110,8 +113,8 @@ class Writer:
         except (OSError, RuntimeError) as error:
             self.error = error
 
-    def finish(self, header: Mapping[str, Any]) -> int:
-        """Close, verify, seal and rename; return the file's bytes.
+    def finish(self, header: Mapping[str, Any], beat: Callable[[], None] = bool) -> int:
+        """Close, verify, seal and rename; return the file's bytes. ``beat`` is called now and then.
 
         Raises
         ------
@@ -127,8 +130,8 @@ class Writer:
             faults.begin("close")
             self._close()
             faults.begin("verify")
-            _read_everything(self.temporary, text, self._tables)
-            _seal(self.temporary)
+            _read_everything(self.temporary, text, self._tables, beat)
+            _seal(self.temporary, beat)
             size = self.temporary.stat().st_size
             faults.begin("replace")
             os.replace(self.temporary, self.path)
@@ -162,7 +165,7 @@ def _create(file: h5py.File, name: str, shape: Shape) -> None:
     file.create_dataset(name, size, shape.dtype, chunks=chunk, fletcher32=True)
 
 
-def _read_everything(path: Path, header: bytes, tables: Mapping[str, Shape]) -> None:
+def _read_everything(path: Path, header: bytes, tables: Mapping[str, Shape], beat: Callable[[], None]) -> None:
     """Read a file that was just written: checksums, sizes and header.
 
     Raises
@@ -179,22 +182,24 @@ def _read_everything(path: Path, header: bytes, tables: Mapping[str, Shape]) -> 
                     raise OSError(f"{name} reads back with shape {file[name].shape}")
                 for first in range(0, shape.rows, ROWS_PER_CHUNK):
                     file[name][first : first + ROWS_PER_CHUNK]
+                    beat()
     except (KeyError, ValueError, RuntimeError) as error:
         raise OSError(f"it does not read back: {error}") from None
 
 
-def _seal_of(file, number: int = FORMAT) -> bytes:
+def _seal_of(file, number: int = FORMAT, *, beat: Callable[[], None] = bool) -> bytes:
     """The seal of what follows the first bytes of an open file; the format's number is sealed too."""
     total = hashlib.sha256(f"{number}".encode())
     file.seek(SEAL)
     while block := file.read(BLOCK):
         total.update(block)
+        beat()
     return (MAGIC + f"format {number}\nsha256 {total.hexdigest()}\n".encode()).ljust(SEAL, b"\0")
 
 
-def _seal(path: Path) -> None:
+def _seal(path: Path, beat: Callable[[], None] = bool) -> None:
     with open(path, "r+b", buffering=0) as file:
-        seal = _seal_of(file)
+        seal = _seal_of(file, beat=beat)
         file.seek(0)
         if file.write(seal) != SEAL:
             raise OSError("its seal could not be written")

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.correction_sweeps import SWEEPS
 from pdfem_mpi.model.model import Model
 
 
-def describe_correction(scene: Scene, discretization: Discretization, model: Model) -> Iterator[str]:
+def describe_correction(scene: Scene, share: Share, model: Model) -> Iterator[str]:
     """One warning where the sweeps of a correction left more than `peridynamics.uneven.CONVERGED`."""
     if model.most_uneven is None:
         return
     appendix_a = scene.peridynamics.surface_correction == "appendix_a"
     name, measure, other = ("appendix_a", "G / g_inf", "none") if appendix_a else ("virial", "S / E", "appendix_a")
-    place = model.most_uneven * discretization.units.length + discretization.units.origin
+    place = model.most_uneven * share.units.length + share.units.origin
     yield (
         f'warning: the surface correction "{name}" did not converge in its {SWEEPS} sweeps: |{measure} - 1| is still '
         f"{model.correction_remaining:.2g} (0.2 and far less where it converges), most of it near "

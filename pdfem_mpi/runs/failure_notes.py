@@ -15,14 +15,23 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.body.materials import bond_stretches, materials_of
+from pdfem_mpi.body.materials import materials_of
+from pdfem_mpi.body.share import Share
+from pdfem_mpi.body.softening import laws_of_materials
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.model.model import Model
+from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE, critical_stretches, lets_overlap_fail, point_classes
 from pdfem_mpi.peridynamics.failure import Failure
+from pdfem_mpi.runs.softening_notes import (
+    Softening,
+    describe_softening,
+    near_elements,
+    softening_of,
+    softening_warnings,
+)
 
 #: Depth of an overlap, in internal lengths, below which bonds into it stretch noticeably further than others: 0.9 times
 #: as far at depth 1, 1.3 at 2/3, 2.0 at 1/2, 3.9 at 1/3 (docs/failure.md).
@@ -43,42 +52,49 @@ class Criterion:
     fracture_energy_own_bonds : tuple of three floats or None, dimension force / length
         Of those that planes normal to x, y and z cut in this body before cracks, mean over the planes' places, with
         the bulk's share of the dilatation beside them; None where no cell of the material may fail.
+    softening : Softening or None
+        Where bonds soften from ``critical_stretch`` on.
     """
 
     critical_stretch: float
     strength: float
     fracture_energy_bulk: float
     fracture_energy_own_bonds: tuple[float, float, float] | None
+    softening: Softening | None = None
 
 
-def criteria(scene: Scene, discretization: Discretization, model: Model) -> dict[str, Criterion]:
+def criteria(scene: Scene, share: Share, model: Model) -> dict[str, Criterion]:
     """The criterion of each material that can fail, by name; empty where no bond can."""
     if model.own_energy is None:
         return {}
-    units, ratio = discretization.units, discretization.cutoff / (1.0 + CUTOFF_GUARD)
-    stretches = np.diag(bond_stretches(scene, units.length, ratio))
+    units, ratio = share.units, share.cutoff / (1.0 + CUTOFF_GUARD)
+    laws, softening = laws_of_materials(scene, units.length, ratio), softening_of(scene, share)
     found = {}
-    for (name, material), stretch, own in zip(materials_of(scene).items(), stretches, model.own_energy, strict=True):
-        if not stretch < math.inf:
+    for (name, material), own in zip(materials_of(scene).items(), model.own_energy, strict=True):
+        law = laws.get(name)
+        if law is None:
             continue
+        bulk = material.energy_at_failure(law.first, units.length, ratio) if law.shape is None else law.energy
+        square = law.first**2 if law.shape is None else law.teeth.energy
         whole = 1.0 + material.share_of_dilatation(ratio)  # of the bonds alone
-        energies = own * stretch**2 * whole * units.stress * units.length
+        energies = own * square * whole * units.stress * units.length
         found[name] = Criterion(
-            critical_stretch=float(stretch),
-            strength=float(material.youngs_modulus * stretch),
-            fracture_energy_bulk=material.energy_at_failure(float(stretch), units.length, ratio),
+            critical_stretch=float(law.first),
+            strength=float(law.strength),
+            fracture_energy_bulk=bulk,
             fracture_energy_own_bonds=None if np.isnan(energies).any() else tuple(energies.tolist()),
+            softening=softening.get(name),
         )
     return found
 
 
 def failure_summary(
-    scene: Scene, discretization: Discretization, failure: Failure | None, found: dict[str, Criterion]
+    scene: Scene, share: Share, failure: Failure | None, found: dict[str, Criterion]
 ) -> dict[str, Any] | None:
     """What ``summary.json`` says of the criterion; None where no bond can break."""
     if failure is None:
         return None
-    length, cutoff = discretization.units.length, discretization.cutoff / (1.0 + CUTOFF_GUARD)
+    length, cutoff = share.units.length, share.cutoff / (1.0 + CUTOFF_GUARD)
     return {
         "internal_length": length,
         "internal_length_given": scene.peridynamics.internal_length is not None,
@@ -88,9 +104,9 @@ def failure_summary(
 
 
 def describe_criterion(
-    scene: Scene, discretization: Discretization, failure: Failure | None, found: dict[str, Criterion]
+    scene: Scene, share: Share, failure: Failure | None, found: dict[str, Criterion]
 ) -> Iterator[str]:
-    """Sentences about what a user should know before bonds break."""
+    """Sentences about what a user should know before bonds break. Collective."""
     if failure is None:
         return
     if failure.nearest:
@@ -100,15 +116,26 @@ def describe_criterion(
             '"virial" for peaks.'
         )
     if scene.peridynamics.internal_length is None:
-        yield from _lengths(scene, discretization.units.length, found)
-    yield from _overlap_that_fails(scene, discretization)
-    yield from _shallow_overlap(scene, discretization)
+        yield from _lengths(scene, share.units.length, found)
+    yield from _overlap_that_fails(scene, share)
+    softening = {name: criterion.softening for name, criterion in found.items() if criterion.softening}
+    if not softening:
+        yield from _shallow_overlap(scene, share)
+        return
+    for name, text in describe_softening(scene, softening):
+        own = found[next(iter(softening))] if len(softening) == 1 else None
+        yield f"{name}: {text}{_own(scene, own)}"
+    if share.counts.overlap_cells and _reaches_into_overlap(scene, share):
+        yield near_elements(share)
+    yield from softening_warnings(scene, softening)
 
 
 def _lengths(scene: Scene, length: float, found: dict[str, Criterion]) -> Iterator[str]:
     """The length follows the cells: one sentence for each material."""
     for name, criterion in found.items():
         if criterion.fracture_energy_own_bonds is None:
+            continue
+        if criterion.softening:  # strength and energy hold at any length
             continue
         given = materials_of(scene)[name].critical_stretch is not None
         force, unit = scene.units.force, scene.units.length
@@ -126,10 +153,10 @@ def _lengths(scene: Scene, length: float, found: dict[str, Criterion]) -> Iterat
         )
 
 
-def _overlap_that_fails(scene: Scene, discretization: Discretization) -> Iterator[str]:
+def _overlap_that_fails(scene: Scene, share: Share) -> Iterator[str]:
     """Decks that let bonds break where no crack can open."""
     for index, region in enumerate(scene.regions):
-        if lets_overlap_fail(region) and (discretization.is_overlap & (discretization.region == index)).any():
+        if lets_overlap_fail(region) and index in share.overlap_regions:
             yield (
                 f"warning: regions.{index}.may_fail = true lets bonds between two points of the overlap break, in "
                 f"{region.name}. Both follow element nodes, so that no crack opens there, and they may be the first "
@@ -137,15 +164,15 @@ def _overlap_that_fails(scene: Scene, discretization: Discretization) -> Iterato
             )
 
 
-def _shallow_overlap(scene: Scene, discretization: Discretization) -> Iterator[str]:
+def _shallow_overlap(scene: Scene, share: Share) -> Iterator[str]:
     """Bonds from free points into an overlap shallower than the internal length, if any may break."""
-    if not discretization.is_overlap.any():
+    if not share.counts.overlap_cells:
         return
-    edge = discretization.mesh.average_edge / discretization.units.length
+    edge = share.average_edge(np.ones_like(share.has_points)) / share.units.length
     depth = scene.coupling.overlap * edge
-    if depth >= SHALLOW or not _reaches_into_overlap(scene, discretization):
+    if depth >= SHALLOW or not _reaches_into_overlap(scene, share):
         return
-    unit = discretization.units.length
+    unit = share.units.length
     yield (
         f"note: bonds may break that reach into the overlap, which is {depth * unit:.4g} deep and shallower than the "
         f"internal length {unit:.6g}: they stretch further than others, twice as far in an overlap half as deep. Use "
@@ -154,19 +181,33 @@ def _shallow_overlap(scene: Scene, discretization: Discretization) -> Iterator[s
     )
 
 
-def _reaches_into_overlap(scene: Scene, discretization: Discretization) -> bool:
-    """Whether a bond that may break joins a free point to one of the overlap."""
-    classes, stretch = point_classes(scene, discretization), critical_stretches(scene, discretization)
-    follows = discretization.is_overlap
-    corners = discretization.nodes[discretization.mesh.cells]
+def _own(scene: Scene, criterion: Criterion | None) -> str:
+    """The fracture energy of the bulk, and of the bonds that planes cut in this body."""
+    if criterion is None or criterion.fracture_energy_own_bonds is None:
+        return ""
+    unit = f" {scene.units.force}/{scene.units.length}" if scene.units.force and scene.units.length else ""
+    own = ", ".join(f"{energy:.4g}" for energy in criterion.fracture_energy_own_bonds)
+    return f"; G_c = {criterion.fracture_energy_bulk:.4g}{unit} in the bulk, and planes across x, y, z cut {own} here"
+
+
+def _reaches_into_overlap(scene: Scene, share: Share) -> bool:
+    """Whether a bond that may break joins a free point to one of the overlap. Collective."""
+    return bool(sum_integers(share.comm, np.array([_reaches_here(scene, share)]))[0])
+
+
+def _reaches_here(scene: Scene, share: Share) -> bool:
+    """The same of the overlap cells of this rank."""
+    classes, stretch = point_classes(scene, share), critical_stretches(scene, share)
+    follows = share.is_overlap & share.is_owned
+    corners = share.nodes[share.mesh.cells]
     for theirs in np.unique(classes[follows]):
         open_to = np.flatnonzero(stretch[theirs] < UNBREAKABLE)
-        free = np.isin(classes, open_to) & discretization.has_points & ~follows
+        free = np.isin(classes, open_to) & share.has_points & ~share.is_overlap
         if not free.any():
             continue
         tree = cKDTree(gauss_positions(corners[free]).reshape(-1, 3))
         points = gauss_positions(corners[follows & (classes == theirs)]).reshape(-1, 3)
-        distance, _ = tree.query(points, distance_upper_bound=discretization.cutoff)
+        distance, _ = tree.query(points, distance_upper_bound=share.cutoff)
         if np.isfinite(distance).any():
             return True
     return False

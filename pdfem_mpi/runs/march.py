@@ -8,13 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage, gather_fields
+from pdfem_mpi.measure.closing import measure_closing
+from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage
 from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.parallel.comm import on_root
 from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests, place_of
+from pdfem_mpi.parallel.traffic import TRAFFIC, join
 from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.runs.checkpoints import CheckpointWriter
-from pdfem_mpi.runs.history_rows import history_row
+from pdfem_mpi.runs.energy_release import energy_releases
+from pdfem_mpi.runs.history_rows import history_row, probe_row
 from pdfem_mpi.runs.memory_report import Watched
 from pdfem_mpi.runs.outputs import Outputs
 from pdfem_mpi.runs.reporter import Reporter
@@ -35,11 +38,13 @@ class Ending:
     reason : str or None
     fields : Fields or None
         The last ones, on rank 0, where something asks for them.
-    damage : float64, shape (n_points,), or None
+    damage : float64, shape (n_points,) or, where bonds soften, (n_points, 3), or None
     digest : str or None
         Of the fields, where nothing asks for them.
     did_nothing : bool
         The time was over before the first step.
+    communication : dict or None
+        What the ranks sent and waited, on rank 0; None on one rank.
     """
 
     code: int = EXIT_FINISHED
@@ -48,6 +53,7 @@ class Ending:
     damage: np.ndarray | None = None
     digest: str | None = None
     did_nothing: bool = False
+    communication: dict[str, Any] | None = None
 
 
 class March:
@@ -62,7 +68,7 @@ class March:
     checkpoints : CheckpointWriter
     stop_requests : StopRequests
     changed : bool
-        The deck is not that of the checkpoint: a program that was over may go on.
+        The deck is not that of the checkpoint: a load program that had ended may go on.
     """
 
     def __init__(
@@ -82,6 +88,8 @@ class March:
         self.energy_error: float | None = None
         self.seconds = self.seconds_of_output = 0.0
         self._warned_of_strains = False
+        comes_back = getattr(simulation.scene.stepping, "times", None) is not None
+        self._looks_for_overlap = comes_back and simulation.failure is not None
 
     @property
     def arrays(self) -> tuple[Any, ...]:
@@ -92,6 +100,8 @@ class March:
         """Follow the load program to its end. Collective."""
         simulation, ended = self.simulation, self.ended
         state, began, timed = simulation.state, perf_counter(), False
+        evaluations = simulation.forces.evaluations
+        TRAFFIC.clear()
         over, first = state.program.pop("over", 0) and not self.changed, place_of(state)
         try:
             rows = 0
@@ -100,11 +110,14 @@ class March:
             if not rows:  # nothing was left to do: the fields are those of the last step
                 simulation.evaluate()
             if not self.wanted:
-                ended.digest = digest_fields(simulation.discretization, simulation.forces, state.u)
+                ended.digest = digest_fields(simulation.share, simulation.forces, state.u)
             elif not rows:
-                ended.fields = gather_fields(simulation.discretization, simulation.forces, state.u)
+                ended.fields = simulation.fields(probes=simulation.probe_reader)
             state.program["over"] = 1
             self.stop_requests.save(state)
+            released = energy_releases(simulation, lambda text: self.reporter.line(f"warning: {text}"))
+            if ended.fields is not None:
+                ended.fields.probed.update(released)
         except (NotConverged, NotFinite) as error:
             ended.code, ended.reason = EXIT_NOT_CONVERGED, str(error)
             self.checkpoints.save_good()
@@ -115,6 +128,8 @@ class March:
             timed = not stop.asked
         ended.did_nothing = ended.code == EXIT_STOPPED and timed and place_of(state) == first
         self.seconds = perf_counter() - began - self.seconds_of_output
+        evaluations = simulation.forces.evaluations - evaluations
+        ended.communication = join(simulation.comm, TRAFFIC.copy(), perf_counter() - began, evaluations)
         return ended
 
     def _watch(self, step, progress) -> None:
@@ -129,11 +144,18 @@ class March:
         if report.elements and report.elements.warning and not self._warned_of_strains:
             self.reporter.line(report.elements.warning)
             self._warned_of_strains = True
+        if self._looks_for_overlap and simulation.failure.count:
+            closing = measure_closing(simulation.share, simulation.forces, simulation.failure)
+            if closing.warning:
+                self.reporter.line(closing.warning)
+                self._looks_for_overlap = False
         began = perf_counter()
         if self.wanted:
-            ended.fields = gather_fields(simulation.discretization, simulation.forces, simulation.state.u)
-        columns = history_row(report, simulation.discretization.units, simulation.failure is not None)
-        ended.damage = gather_damage(simulation.discretization, simulation.model, self.remaining, simulation.failure)
+            ended.fields = simulation.fields(*simulation.scene.output.mechanical, probes=simulation.probe_reader)
+        columns = history_row(report, simulation.share.units, simulation.failure is not None)
+        columns |= probe_row(simulation.scene.probes, ended.fields.probed if ended.fields else {})
+        body = simulation.share, simulation.model
+        ended.damage = gather_damage(*body, self.remaining, simulation.failure, parts=True)
         on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))
         self.reporter.row(columns)
         self.seconds_of_output += perf_counter() - began

@@ -16,13 +16,13 @@ import numpy as np
 import psutil
 from scipy.spatial import cKDTree
 
-from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.body.share import Subdomain, cut_out, near_images, partition
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.parallel.comm import agree, largest, node_communicator, sum_integers
+from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts
 from pdfem_mpi.system.process_limits import Limit, group_limit, own_limit
 
 #: Cells of a rank whose families are searched.
@@ -31,7 +31,7 @@ SAMPLE = 128
 ROW_BYTES = {"linear": 4 + 16, "finite": 4 + 32}
 #: Every rank holds the mesh: bytes of a cell that stay, and of the largest intermediate arrays while it is cut up.
 CELL_BYTES, CELL_PEAK_BYTES = 190, 400
-#: Intermediate arrays of a cell with nodes, on every rank, while loads are lumped on nodes.
+#: Intermediate arrays of a cell of the share with nodes, while loads are lumped on nodes.
 NODAL_CELL_BYTES = 1700
 #: Positions, weights, table, counts and correction vectors of a point, ghosts included.
 POINT_BYTES = 170
@@ -41,8 +41,9 @@ DILATATION_BYTES = 25
 WEIGHT_BYTES = 32
 #: Vectors over the unknowns of a point or node while a load case is made: state, loads, one rigid mode at a time.
 MOTION_BYTES = 330
-#: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model and grid, for a cell.
-GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES = 320, 2700
+#: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model, for a cell; and its
+#: coarse grid, which rank 0 has, for a cell of the grid.
+GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES, GRID_CELL_BYTES = 320, 700, 16_000
 #: Table, vectors, blocks and multipliers of a point while bond factors are fitted.
 FIT_POINT_BYTES = 1700
 #: Matrix and factors of the fit's grid on every rank, for a cell with points, and at most.
@@ -70,7 +71,7 @@ def resident() -> int:
 
 
 def peak_resident() -> int:
-    """Largest `resident` since the process began or `forget_peak`; 0 where the system does not tell."""
+    """Largest `resident` since the process began or `forget_peak`; 0 where the system has no such number."""
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
     except OSError:
@@ -96,7 +97,7 @@ def check_mesh(scene: Scene, n_cells: int, comm) -> None:
     _refuse(scene, comm, n_cells * (CELL_BYTES + CELL_PEAK_BYTES), f"the mesh of {n_cells:,} cells")
 
 
-def check_model(scene: Scene, discretization: Discretization, comm) -> Need:
+def check_model(scene: Scene, share: Share, comm) -> Need:
     """Refuse a scene whose model and solver would not fit, before they are made. Collective.
 
     Returns
@@ -107,20 +108,20 @@ def check_model(scene: Scene, discretization: Discretization, comm) -> Need:
     Raises
     ------
     SceneError
-        On all ranks; also for more ranks than cells.
+        On all ranks.
     """
-    subdomain = cut_out(discretization, partition(discretization, comm.size), comm.rank)
-    need = estimate(scene, discretization, subdomain)
+    need = estimate(scene, share)
     bonds = sum_integers(comm, np.array([int(need.bonds)]))[0]
     what = f"the scene with about {bonds:.2g} bonds" if bonds else "the scene"
     _refuse(scene, comm, need.bytes, what)
     return need
 
 
-def estimate(scene: Scene, discretization: Discretization, subdomain: Subdomain) -> Need:
-    """What a rank with this share will allocate at most at a time, beyond the discretization it has."""
+def estimate(scene: Scene, share: Share) -> Need:
+    """What a rank with this share will allocate at most at a time, beyond the share."""
+    subdomain = share.subdomain
     cells = np.concatenate([subdomain.free, subdomain.overlap])
-    rows, bonds = _count_bonds(discretization, cells)
+    rows, bonds = _count_bonds(share, cells)
     n_nodes = len(subdomain.owned_nodes) + len(subdomain.ghost_nodes)
     total = rows * ROW_BYTES[scene.kinematics]
     n_cells = len(cells) + len(subdomain.ghosts) + len(subdomain.images)
@@ -129,18 +130,19 @@ def estimate(scene: Scene, discretization: Discretization, subdomain: Subdomain)
         fitted = scene.peridynamics.surface_correction == "fitted"
         total += 8 * n_cells * DILATATION_BYTES + rows * (WEIGHT_BYTES if fitted else 0)
     later = (8 * len(subdomain.free) + len(subdomain.owned_nodes)) * MOTION_BYTES
-    later += np.count_nonzero(discretization.has_nodes) * NODAL_CELL_BYTES
-    if scene.solver.kind == "cg":
+    later += np.count_nonzero(share.has_nodes) * NODAL_CELL_BYTES
+    if scene.has_cycle:
         later += 8 * len(subdomain.free) * GRADIENT_POINT_BYTES
         later += (len(cells) + len(subdomain.elements)) * GRADIENT_CELL_BYTES
+        later += float(np.prod(grid_counts(share)[0])) * GRID_CELL_BYTES * (share.comm.rank == 0)
     fit = 0.0
     if bonds and scene.peridynamics.surface_correction == "fitted":
         fit = 8 * (len(cells) + len(subdomain.ghosts)) * FIT_POINT_BYTES
-        fit += min(FIT_GRID_BYTES, FIT_GRID_CELL_BYTES * discretization.n_point_cells)
+        fit += min(FIT_GRID_BYTES, FIT_GRID_CELL_BYTES * share.counts.point_cells)
     return Need(bonds, total + max(later, fit))  # one after the other
 
 
-def _count_bonds(discretization: Discretization, cells: np.ndarray) -> tuple[float, float]:
+def _count_bonds(share: Share, cells: np.ndarray) -> tuple[float, float]:
     """Rows and bonds of some cells' points: those of a sample, times the cells it stands for.
 
     Half the rows of a cell against others and images are its own, and so are half of its bonds with them. Within a cell
@@ -149,28 +151,26 @@ def _count_bonds(discretization: Discretization, cells: np.ndarray) -> tuple[flo
     if not len(cells):
         return 0.0, 0.0
     sample = cells[np.linspace(0, len(cells) - 1, min(SAMPLE, len(cells))).astype(np.int64)]
-    mesh, nodes = discretization.mesh, discretization.nodes
-    with_points = np.flatnonzero(discretization.has_points)
-    centroids = (mesh.centroids - discretization.units.origin) / discretization.units.length
-    half_edges = 0.5 * mesh.largest_edge / discretization.units.length * math.sqrt(3.0)
-    reach = discretization.cutoff + 2.0 * half_edges
-    index, reflection, images = near_images(discretization, centroids[with_points], centroids[cells], 2.0 * half_edges)
-    tree = cKDTree(np.concatenate([centroids[with_points], images]))
-    n_real = len(with_points)
-    with_points = np.concatenate([with_points, with_points[index]])
+    mesh, nodes, subdomain = share.mesh, share.nodes, share.subdomain
+    half_edges = 0.5 * mesh.largest_edge / share.units.length * math.sqrt(3.0)
+    with_points = subdomain.point_cells
     sign, shift = (
-        np.concatenate([np.full((n_real, 3), same), rows[reflection - 1]])
-        for same, rows in zip((1.0, 0.0), discretization.reflections, strict=True)
+        np.concatenate([np.full((len(with_points) - len(subdomain.images), 3), same), rows[subdomain.reflection - 1]])
+        for same, rows in zip((1.0, 0.0), share.reflections, strict=True)
     )
+    n_real = len(with_points) - len(subdomain.images)
+    centroids = (mesh.centroids - share.units.origin) / share.units.length
+    tree = cKDTree(sign * centroids[with_points] + shift)
+    reach = share.cutoff + 2.0 * half_edges
     near = tree.query_ball_point(centroids[sample], reach)
     rows = bonds = 0
     for cell, found in zip(sample, near, strict=True):
         others = np.array([other for other in found if other >= n_real or with_points[other] != cell], np.int64)
-        others = others[discretization.body[with_points[others]] == discretization.body[cell]]
+        others = others[share.body[with_points[others]] == share.body[cell]]
         x = gauss_positions(nodes[mesh.cells[[cell]]]).reshape(8, 1, 3)
         y = gauss_positions(nodes[mesh.cells[with_points[others]]])
         y = (sign[others, None] * y + shift[others, None]).reshape(1, -1, 3)
-        family = ((y - x) ** 2).sum(axis=2) <= discretization.cutoff**2
+        family = ((y - x) ** 2).sum(axis=2) <= share.cutoff**2
         bonds += np.count_nonzero(family)
         rows += np.count_nonzero(family.reshape(8, -1, 4).any(axis=2))
     scale = len(cells) / len(sample)

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.deck.programs import Events, Ramp, Steps
+from pdfem_mpi.body.share import Share
+from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
@@ -29,7 +29,7 @@ from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 
 #: All parts, in the order in which they are counted: what two of them share belongs to the first.
 PARTS = (
-    "mesh", "discretization", "share_of_the_rank", "exchange", "mirror_images", "points", "bond_rows",
+    "mesh", "share_of_the_rank", "exchange", "mirror_images", "points", "bond_rows",
     "bond_strengths", "bond_lengths", "dilatations", "bond_counts", "fitted_factors", "damage_weights", "nodes",
     "elements", "overlap", "masses", "loads_and_supports", "state", "force_tables", "break_check", "break_records",
     "broken_bonds", "intact_elements", "coarse_grid", "preconditioner_blocks", "checkpoint_copy", "output",
@@ -43,17 +43,18 @@ SHARED_OUT = ("damage_weights", "overlap", "masses", "state")
 def features_of(scene: Scene) -> frozenset[str]:
     """What a scene has, in the words of `kernels.warm_up.NEEDED_BY`."""
     bonds, settings = scene.has_peridynamics, scene.peridynamics
-    events = isinstance(scene.stepping, Events)
-    cg = scene.solver.kind == "cg" or events
+    cg = scene.has_cycle
     has = {
         "bonds": bonds,
         scene.kinematics: bonds,
         "failing": bonds and scene.can_fail,
+        "softening": bonds and scene.softens,
         "correction": bonds and settings.surface_correction in ("appendix_a", "virial"),
         "fitted": bonds and settings.surface_correction == "fitted",
         "noise": settings.stiffness_noise > 0.0,
         "cracks": bool(scene.cracks),
-        "damage": scene.output.damage,
+        "damage": scene.output.has_damage,
+        "stresses": bonds and bool(scene.output.mechanical),
         "mirrors": bool(scene.mesh.symmetry),
         "overlap": scene.is_coupled,
         "cg": cg,
@@ -94,7 +95,7 @@ class Watched:
 
 
 def count_parts(
-    discretization: Discretization,
+    share: Share,
     model: Model,
     case: LoadCase,
     state: State,
@@ -106,7 +107,7 @@ def count_parts(
 ) -> dict[str, int]:
     """Bytes of this rank's arrays by part; ``output`` is whatever a run keeps for its result files."""
     preconditioner, count = solve.preconditioner, Count()
-    things = dict(_things(discretization, model, case, state, forces, failure, preconditioner, checkpoints, output))
+    things = dict(_things(share, model, case, state, forces, failure, preconditioner, checkpoints, output))
     counted = {name: count.bytes_of(*things.get(name, ())) for name in PARTS}
     if model.bonds:  # strengths and lengths alternate in one array
         counted["bond_lengths"] = int(counted["bond_strengths"] * model.bonds.share_of_lengths)
@@ -115,12 +116,11 @@ def count_parts(
 
 
 def _things(
-    discretization, model, case, state, forces, failure, preconditioner, checkpoints, output
+    share, model, case, state, forces, failure, preconditioner, checkpoints, output
 ) -> Iterator[tuple[str, tuple]]:
     points, bonds, nodes = model.points, model.bonds, model.nodes
-    yield "mesh", (discretization.mesh,)
-    yield "discretization", (discretization,)
-    yield "share_of_the_rank", (model.owner, model.subdomain, checkpoints.layout)
+    yield "mesh", (share.mesh,)
+    yield "share_of_the_rank", (share, checkpoints.layout)
     halos = [part.halo for part in (points, nodes) if part]
     if points:
         if points.images:
@@ -144,7 +144,7 @@ def _things(
     if failure:
         yield "break_check", (failure.class_of, failure.stretch)
         yield "break_records", failure.records
-        yield "broken_bonds", (failure.global_pairs, failure._fresh, failure._pairs)
+        yield "broken_bonds", (failure.global_pairs, failure._fresh, failure._pairs, getattr(failure, "_teeth", None))
     if preconditioner:
         yield "intact_elements", (preconditioner.forces,)
         yield "coarse_grid", (preconditioner.grid,)
@@ -212,7 +212,7 @@ def table_of(summary: dict[str, Any]) -> list[tuple[str, str]]:
     return rows + [("left out", f"{', '.join(names)}: {reason}") for reason, names in absent.items()]
 
 
-def left_out(scene: Scene, discretization: Discretization, failure: Failure | None, ranks: int) -> dict[str, str]:
+def left_out(scene: Scene, share: Share, failure: Failure | None, ranks: int) -> dict[str, str]:
     """Parts that the scene does not need, and the key or property of it that says so."""
     reasons: dict[str, str] = {}
 
@@ -220,10 +220,10 @@ def left_out(scene: Scene, discretization: Discretization, failure: Failure | No
         for part in parts:
             reasons.setdefault(part, reason)
 
-    has_points, has_nodes = bool(discretization.has_points.any()), bool(discretization.has_nodes.any())
+    counts = share.counts
     if ranks == 1:
         because("one rank", "exchange")
-    if not has_points:
+    if not counts.point_cells:
         because(
             "no cell is peridynamic",
             "points", "bond_rows", "bond_strengths", "bond_lengths", "bond_counts", "damage_weights", "break_check",
@@ -242,17 +242,17 @@ def left_out(scene: Scene, discretization: Discretization, failure: Failure | No
         because("no bond broke", "broken_bonds")
     if not scene.mesh.symmetry:
         because("mesh.symmetry is empty", "mirror_images")
-    if not scene.output.damage:
+    if not scene.output.has_damage:
         because("output.damage = false", "damage_weights")
-    if not has_nodes:
+    if not counts.node_cells:
         because("no cell is a finite element", "nodes", "elements", "overlap")
-    if not discretization.is_overlap.any():
+    if not counts.overlap_cells:
         because("no cell has both descriptions", "overlap")
-    if not discretization.has_stiffness.any():
+    if not counts.elements:
         because("no cell is a finite element", "elements")
     if scene.solver.kind != "cg":
         because(f'solver.kind = "{scene.solver.kind}"', "intact_elements", "coarse_grid", "preconditioner_blocks")
-    if isinstance(scene.stepping, Steps) and len(scene.stepping.load_factors) == 1:
+    if isinstance(scene.stepping, Steps) and scene.stepping.n_steps == 1:
         because("one load step: there is no earlier state to keep", "checkpoint_copy")
     if not (scene.output.fields or scene.probes):
         because("output.fields = false, and no probes", "output")

@@ -1,4 +1,4 @@
-"""Sentences about a run that begins or ends."""
+"""Sentences about a run at its beginning and at its end."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.body.overlap import describe_cracked_overlap
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.parts import describe_unsupported
 from pdfem_mpi.peridynamics.bonds import count_by_material
@@ -24,7 +23,7 @@ from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_STOPPED, RUN_STATUS
 
 @dataclass
 class Findings:
-    """What is found out about a simulation before its first step.
+    """What was found when a simulation was examined before its first step.
 
     Attributes
     ----------
@@ -36,7 +35,7 @@ class Findings:
     smallest_eigenvalue : float or None
         Of a body with fitted factors.
     stable : bool or None
-        None where it was not looked at.
+        None where it was not examined.
     """
 
     notes: list[str] = field(default_factory=list)
@@ -47,39 +46,39 @@ class Findings:
 
 
 def describe_body(simulation: Simulation) -> list[str]:
-    """Lines about the mesh file, loose parts and loads on held places. Collective."""
-    scene, discretization, case = simulation.scene, simulation.discretization, simulation.case
-    lines = [f"mesh: {text}" for text in discretization.notes]
+    """Lines about the mesh file, unsupported parts, and loads on supported places. Collective."""
+    scene, share, case = simulation.scene, simulation.share, simulation.case
+    lines = [f"mesh: {text}" for text in share.notes]
     lines += describe_unsupported(case.parts, case.unsupported)
     if not np.isnan(case.taken).all():
-        lines.append(describe_taken(case.taken * discretization.units.force, scene.units.force))
+        lines.append(describe_taken(case.taken * share.units.force, scene.units.force))
     return lines
 
 
 def examine(simulation: Simulation, is_resumed: bool) -> Findings:
-    """Look at a simulation whose solver is prepared, before its first step. Collective."""
-    scene, discretization, model = simulation.scene, simulation.discretization, simulation.model
+    """Examine a simulation whose solver is prepared, before its first step. Collective."""
+    scene, share, model = simulation.scene, simulation.share, simulation.model
     found = Findings()
     found.notes += model.body_fit.notes if model.body_fit else ()
-    found.notes += describe_correction(scene, discretization, model)
+    found.notes += describe_correction(scene, share, model)
     found.notes += describe_moments(model.moments)
-    limits = criteria(scene, discretization, model)
-    found.failure = failure_summary(scene, discretization, simulation.failure, limits)
-    found.notes += describe_criterion(scene, discretization, simulation.failure, limits)
+    limits = criteria(scene, share, model)
+    found.failure = failure_summary(scene, share, simulation.failure, limits)
+    found.notes += describe_criterion(scene, share, simulation.failure, limits)
     _examine_stability(simulation, is_resumed, found)
     return found
 
 
 def describe_bonds(simulation: Simulation, found: Findings) -> list[str]:
     """Lines about cracks, and interfaces that no bond crosses. Collective."""
-    scene, discretization, model = simulation.scene, simulation.discretization, simulation.model
+    scene, share, model = simulation.scene, simulation.share, simulation.model
     lines = []
     for index, cut in enumerate(model.cut):
         text = f"cuts {cut:,} bonds" if cut else "cuts no bond: it does not pass through peridynamic cells"
         lines.append(f"cracks.{index} {text}")
-    lines += describe_cracked_overlap(scene, discretization)
+    lines += share.crack_notes
     found.bonds_by_material = count_by_material(simulation.comm, model.bonds) if model.bonds else None
-    return lines + list(interfaces_without_bonds(scene, discretization, found.bonds_by_material))
+    return lines + list(interfaces_without_bonds(scene, share, found.bonds_by_material))
 
 
 def _examine_stability(simulation: Simulation, is_resumed: bool, found: Findings) -> None:
@@ -96,22 +95,22 @@ def _examine_stability(simulation: Simulation, is_resumed: bool, found: Findings
         found.notes.append(text)
 
 
-def interfaces_without_bonds(scene: Scene, discretization: Discretization, by_material: np.ndarray | None):
+def interfaces_without_bonds(scene: Scene, share: Share, by_material: np.ndarray | None):
     """Sentences about interfaces that no bond crosses."""
-    number = discretization.materials.names.index
+    number = share.materials.names.index
     for index, interface in enumerate(scene.interfaces):
         if not by_material[tuple(number(name) for name in interface.between)]:
             yield f"interfaces.{index} is crossed by no bond: its materials do not meet in peridynamics or the overlap"
 
 
 def describe_nothing(start_up: float, idle: int) -> str:
-    """What to say of a start that ended where it began, after others that did."""
+    """A sentence about a start that ended where it began, perhaps after others that did."""
     again = f" It is start {idle + 1} in a row that did nothing." if idle else ""
     return f". Nothing was done. Start-up alone took {start_up:.1f} s: allow more.{again}"
 
 
 def describe_taken(force: np.ndarray, unit: str) -> str:
-    """A sentence about loads on held places; force (3,), NaN along axes where there are none."""
+    """A sentence about loads on supported places; force (3,), NaN along axes where there are none."""
     parts = [f"{value:.6g}{' ' + unit if unit else ''} along {axis}" for value, axis in zip(force, "xyz", strict=True)
              if not np.isnan(value)]  # fmt: skip
     return f"loads of {', '.join(parts)} act on held places: their supports take them, and reactions do not count them"
@@ -122,7 +121,7 @@ def headline(simulation: Simulation, sizes: dict[str, int], seconds: float) -> l
     scene, comm, counts = simulation.scene, simulation.comm, sizes
     parts = [f"{counts[name]:,} {name.replace('_', ' ')}" for name in ("elements", "points", "undirected_bonds")]
     lines = [f"{scene.title or 'scene'}: {', '.join(parts)} on {comm.size} ranks, set up in {seconds:.1f} s"]
-    if simulation.discretization.mirrors:
+    if simulation.share.mirrors:
         lines.append(f"mirror planes {describe_mirrors(scene)}; forces and counts are those of this part")
     return lines
 

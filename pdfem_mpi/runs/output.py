@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.fields import Fields
+from pdfem_mpi.measure.geometry import Geometry
 from pdfem_mpi.results.ownership import Written
 
 
@@ -22,7 +22,8 @@ class Place:
     Attributes
     ----------
     scene : Scene
-    discretization : Discretization
+    geometry : Geometry or None
+        None where no output reads places of the body.
     written : Written
         The files of the run folder; `Written.new` gives the path of one.
     deck_sha256 : str
@@ -37,7 +38,7 @@ class Place:
     """
 
     scene: Scene
-    discretization: Discretization
+    geometry: Geometry | None
     written: Written
     deck_sha256: str
     cursors: dict[str, dict[str, Any]]

@@ -17,6 +17,7 @@ import numpy as np
 
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.fields import Fields
+from pdfem_mpi.measure.geometry import Geometry, gather_geometry
 from pdfem_mpi.results.cursor import continue_history, flushed
 from pdfem_mpi.results.history import History
 from pdfem_mpi.results.labels import attempt
@@ -27,9 +28,12 @@ from pdfem_mpi.runs.frames import (
     FramesOutput,
     create_elements,
     create_points,
+    fields_of_elements,
+    fields_of_points,
 )
 from pdfem_mpi.runs.output import Output, Place
 from pdfem_mpi.runs.probes import OF_PROBE
+from pdfem_mpi.runs.simulation import Simulation
 
 
 class HistoryOutput(Output):
@@ -99,6 +103,12 @@ class Outputs:
         return {name: value for output in self.all for name, value in output.results.items()}
 
 
+def geometry_of(simulation: Simulation) -> Geometry | None:
+    """The shape of the body on rank 0, where an output reads places of it. Collective."""
+    scene = simulation.scene
+    return gather_geometry(simulation.share) if scene.output.fields or scene.probes else None
+
+
 def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
     """The outputs that a deck asks for.
 
@@ -108,11 +118,11 @@ def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
         Of history.csv.
     """
     outputs = Outputs(place, HistoryOutput(columns))
-    discretization = place.discretization
-    if place.scene.output.fields and discretization.has_points.any():
-        outputs.frames.append(FramesOutput(POINTS_FILE, create_points, lambda fields: fields.u_points, True))
-    if place.scene.output.fields and discretization.has_nodes.any():
-        outputs.frames.append(FramesOutput(ELEMENTS_FILE, create_elements, lambda fields: fields.u_nodes))
+    scene, names = place.scene, place.scene.output.names
+    if names and scene.has_peridynamics:
+        outputs.frames.append(FramesOutput(POINTS_FILE, create_points, fields_of_points, names, True))
+    if names and scene.has_finite_elements:
+        outputs.frames.append(FramesOutput(ELEMENTS_FILE, create_elements, fields_of_elements, names))
     outputs.probes += [OF_PROBE[type(probe)](probe) for probe in place.scene.probes]
     return outputs
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization, discretize
 from pdfem_mpi.body.meshing import make_mesh
+from pdfem_mpi.body.share import Share, share_of
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
@@ -20,6 +21,7 @@ from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.peridynamics.fit.fit import EXPECTED_SWEEPS, SWEEP_RATE
 from pdfem_mpi.runs.compilation import compile_kernels
 from pdfem_mpi.runs.memory_estimate import Need, check_mesh, check_model, show_bytes
+from pdfem_mpi.runs.softening_notes import describe_softening, softening_of, softening_warnings
 
 
 def warm_up(comm, features: Collection[str] | None = None) -> None:
@@ -40,10 +42,21 @@ def fit_folders(out: Path) -> tuple[Path, ...]:
     return (out, Path(cache)) if cache else (out,)
 
 
-def prepare(scene: Scene, comm) -> tuple[Discretization, Need]:
-    """The discretization of a scene that fits into memory, and what this rank will need. Collective.
+def prepare(scene: Scene, comm) -> tuple[Share, Need]:
+    """This rank's share of a scene that fits into memory, and what it will need. Collective.
 
-    A mesh file is read by rank 0.
+    Raises
+    ------
+    SceneError
+        On all ranks.
+    """
+    share = cut_share(scene, comm)
+    softening_of(scene, share)  # refuses strengths and energies that do not go with the internal length
+    return share, check_model(scene, share, comm)
+
+
+def cut_share(scene: Scene, comm) -> Share:
+    """This rank's share of a scene whose mesh fits into memory; a mesh file is read by rank 0. Collective.
 
     Raises
     ------
@@ -64,8 +77,21 @@ def prepare(scene: Scene, comm) -> tuple[Discretization, Need]:
         mesh = broadcast(comm, mesh)
     else:
         check_mesh(scene, math.prod(scene.mesh.n_cells), comm)
-    discretization = discretize(scene, mesh)
-    return discretization, check_model(scene, discretization, comm)
+    return share_of(scene, comm, mesh)
+
+
+def cut_again(scene: Scene, before: Share) -> Share:
+    """The same share for a scene with other loads and supports. Collective.
+
+    Raises
+    ------
+    SceneError
+        On all ranks; also for a mesh file that has changed.
+    """
+    share = cut_share(scene, before.comm)
+    if share.mesh_sha256 != before.mesh_sha256:
+        raise SceneError([f"mesh.path = {scene.mesh.path} has changed since. Make a new simulation."])
+    return replace(share, boundaries=None)
 
 
 def check_scene(scene: Scene, comm) -> dict[str, str]:
@@ -76,13 +102,15 @@ def check_scene(scene: Scene, comm) -> dict[str, str]:
     SceneError
         Also when it would not fit into memory.
     """
-    discretization, need = prepare(scene, comm)
-    sizes, quality = count_sizes(discretization, None), discretization.quality
+    share, need = prepare(scene, comm)
+    softening = softening_of(scene, share)
+    warnings = [text.removeprefix("warning: ") for text in softening_warnings(scene, softening)]
+    sizes, quality = count_sizes(share, None), share.quality
     bonds, total = sum_integers(comm, np.array([int(need.bonds), int(need.bytes)]))
     return {
-        **({"mirror planes": describe_mirrors(scene)} if discretization.mirrors else {}),
-        "cells": f"{len(discretization.mesh.cells)}",
-        **({"of the mesh file": "; ".join(discretization.notes)} if discretization.notes else {}),
+        **({"mirror planes": describe_mirrors(scene)} if share.mirrors else {}),
+        "cells": f"{share.counts.cells}",
+        **({"of the mesh file": "; ".join(share.notes)} if share.notes else {}),
         "nodes": f"{sizes['nodes']}",
         "edges of cells": f"{quality.shortest_edge:.4g} to {quality.longest_edge:.4g}",
         "smallest scaled Jacobian": f"{quality.smallest_scaled_jacobian:.4g}",
@@ -90,6 +118,8 @@ def check_scene(scene: Scene, comm) -> dict[str, str]:
         "elements": f"{sizes['elements']}",
         "points": f"{sizes['points']}",
         "undirected bonds, about": f"{bonds:.3g}",
+        **dict(describe_softening(scene, softening)),
+        **({"of bonds that soften": "; ".join(warnings)} if warnings else {}),
         "memory, about": f"{show_bytes(total)} in all, of the largest rank "
         f"{show_bytes(float(largest(comm, np.array([need.bytes]))[0]))}",
     } | _fit_cost(scene, bonds, comm.size)
@@ -104,13 +134,13 @@ def _fit_cost(scene: Scene, bonds: int, ranks: int) -> dict[str, str]:
     return {"fit of bond factors, about": f"{sweeps} sweeps, {seconds:.2g} s unless it is found from before"}
 
 
-def count_sizes(discretization: Discretization, model: Model | None) -> dict[str, int]:
+def count_sizes(share: Share, model: Model | None) -> dict[str, int]:
     """Sizes of the whole body. Collective when there is a model."""
     sizes = {
-        "nodes": discretization.n_nodes,
-        "elements": int(np.count_nonzero(discretization.has_stiffness)),
-        "points": 8 * discretization.n_point_cells,
-        "overlap_cells": int(np.count_nonzero(discretization.is_overlap)),
+        "nodes": share.counts.nodes,
+        "elements": share.counts.elements,
+        "points": 8 * share.counts.point_cells,
+        "overlap_cells": share.counts.overlap_cells,
     }
     if model is not None:
         sizes["undirected_bonds"] = total_bonds(model.comm, model.bonds)

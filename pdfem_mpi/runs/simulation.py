@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.loads import Load, Support
 from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.measure.fields import Fields, gather_damage, gather_fields, node_positions, point_positions
+from pdfem_mpi.measure.probed import ProbeReader
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import build_model
+from pdfem_mpi.model.parts import positions
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS
 from pdfem_mpi.runs.history_rows import history_row
 from pdfem_mpi.runs.memory_estimate import Need
 from pdfem_mpi.runs.memory_report import features_of
-from pdfem_mpi.runs.prepare import prepare, warm_up
+from pdfem_mpi.runs.prepare import cut_again, prepare, warm_up
+from pdfem_mpi.runs.readings import Readings
 from pdfem_mpi.solvers.convergence import Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
 from pdfem_mpi.stepping import Report, follow_load_program
@@ -38,7 +41,7 @@ def ignore(*words: Any) -> None:
     """Do nothing with what is reported."""
 
 
-class Simulation:
+class Simulation(Readings):
     """One scene on the ranks of a communicator; no file is read but the deck's mesh, and none is written.
 
     All methods are collective: every rank of the communicator calls them. Lengths and forces are in the deck's units.
@@ -53,9 +56,9 @@ class Simulation:
 
     Attributes
     ----------
-    discretization, need, model, case, state, forces, failure, solver
-        Its parts: the body and what memory it needs, this rank's equations, loads, unknowns and forces, the books of
-        broken bonds (None where none can break), and the solver (None before it is needed).
+    share, need, model, case, state, forces, failure, solver
+        Its parts: the rank's share of the body and what memory it needs, this rank's equations, loads, unknowns and
+        forces, the books of broken bonds (None where none can break), and the solver (None before it is needed).
 
     Raises
     ------
@@ -74,7 +77,7 @@ class Simulation:
         scene: Scene,
         comm: Any = None,
         *,
-        prepared: tuple[Discretization, Need] | None = None,
+        prepared: tuple[Share, Need] | None = None,
         caches: Sequence[Path] = (),
         evaluations: int = 0,
     ):
@@ -83,18 +86,19 @@ class Simulation:
         if prepared is None:
             warm_up(self.comm, features_of(scene))
             prepared = prepare(scene, self.comm)
-        self.discretization, self.need = prepared
-        self.model = build_model(scene, self.discretization, self.comm, caches)
-        self.case = make_load_case(scene, self.discretization, self.model)
+        self.model = build_model(scene, prepared[0], self.comm, caches)
+        self.share, self.need = replace(prepared[0], boundaries=None), prepared[1]  # the whole body goes here
+        self.case = make_load_case(scene, self.share, self.model)
         self.state = new_state(self.model)
         self.forces = Forces(self.model, self.state.bounds, evaluations=evaluations)
-        self.failure = make_failure(scene, self.discretization, self.model)
+        self.failure = make_failure(scene, self.share, self.model)
+        self.probe_reader = ProbeReader(scene, self.share, self.model)
         self.solver: EquilibriumSolver | None = None
         self._evaluated = False
 
     def prepare_solver(self, note: Note = ignore, stop_requests: Any = NO_STOP_REQUESTS) -> EquilibriumSolver:
         """Set up the scene's solver for the loads as they are; ``note`` is called with remarks for the user."""
-        self.solver = make_solver(self.scene, self.discretization, self.forces, self.case, note, stop_requests)
+        self.solver = make_solver(self.scene, self.share, self.forces, self.case, note, stop_requests)
         return self.solver
 
     def follow(self, watch: Watch = ignore) -> Iterator[Report]:
@@ -107,12 +111,8 @@ class Simulation:
     def steps(self, watch: Watch = ignore) -> Iterator[dict[str, Any]]:
         """Follow the scene's load program, and yield a row at each of its equilibria: the columns of history.csv.
 
-        ``watch`` is called with the step and the progress of every iteration.
-
-        Raises
-        ------
-        NotConverged, NotFinite
-            No equilibrium was found.
+        ``watch`` is called with the step and the progress of every iteration. Raises NotConverged or NotFinite where
+        no equilibrium is found.
         """
         for report in self.follow(watch):
             yield self.row(report)
@@ -123,7 +123,7 @@ class Simulation:
         Bonds beyond their critical stretch break until none is, whatever ``scene.stepping`` says.
         """
         solver = self.solver or self.prepare_solver()
-        # the steps before were taken already, whatever their load factors were
+        # the program counts the steps taken before, whose load factors do not matter any more
         factors = (*(0.0,) * self.state.step, float(load_factor))
         settings = Steps.model_construct(kind="steps", load_factors=factors)
         (report,) = follow_steps(settings, solver, self.failure, self.state, self.case, watch)
@@ -133,10 +133,7 @@ class Simulation:
     def change_loads(self, loads: Sequence[Load] | None = None, supports: Sequence[Support] | None = None) -> None:
         """Replace the scene's loads or supports; displacements and broken bonds stay.
 
-        Raises
-        ------
-        SceneError
-            On all ranks; the loads before are kept.
+        Raises SceneError on all ranks, and keeps the loads before.
         """
         changed: dict[str, Any] = {}
         if loads is not None:
@@ -146,45 +143,29 @@ class Simulation:
         scene = self.scene.model_copy(update=changed)
         if problems := scene.problems():
             raise SceneError([f"{problem.key} {problem.text}" for problem in problems])
-        case = make_load_case(scene, self.discretization, self.model)
-        self.scene, self.case, self.solver = scene, case, None
+        share = cut_again(scene, self.share)
+        case = make_load_case(scene, share, self.model)
+        self.scene, self.share, self.case, self.solver = scene, share, case, None
 
     def row(self, report: Report) -> dict[str, Any]:
         """A report of the load program in the deck's units, by the columns of history.csv."""
-        return history_row(report, self.discretization.units, self.failure is not None)
+        return history_row(report, self.share.units, self.failure is not None)
 
     @property
     def parts(self) -> tuple[Any, ...]:
         """What it is made of, in the order in which memory is counted."""
-        body = self.discretization, self.model, self.case, self.state
-        return (*body, self.forces, self.failure, self.solver)
+        return self.share, self.model, self.case, self.state, self.forces, self.failure, self.solver
 
-    def evaluate(self) -> None:
-        """Bring the tables of the forces to the state, where no row did; it does not count as an evaluation."""
-        before = self.forces.evaluations
-        self.forces.evaluate_surely(self.state.u, np.zeros_like(self.state.u), np.empty_like(self.state.u))
-        self.forces.evaluations = before
-        self._evaluated = True
+    def displace(self, field: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Give all points and nodes, supported ones too, the displacements ``field(x)``; bonds break in no case.
 
-    def fields(self) -> Fields | None:
-        """Displacements of all points and nodes; None except on rank 0."""
-        if not self._evaluated:
-            self.evaluate()
-        return gather_fields(self.discretization, self.forces, self.state.u)
-
-    def damage(self) -> np.ndarray | None:
-        """Local damage (eq. 5) of all points, float64, shape (n_points,); None except on rank 0.
-
-        The deck must have ``output.damage = true``: weights of the intact bonds are kept for it.
+        Parameters
+        ----------
+        field : callable
+            Of reference positions, float64, shape (n, 3); returns displacements of that shape, dimension length.
         """
-        return gather_damage(self.discretization, self.model)
-
-    @property
-    def points(self) -> np.ndarray:
-        """Reference positions of the peridynamic points, float64, shape (n_points, 3)."""
-        return point_positions(self.discretization)
-
-    @property
-    def nodes(self) -> np.ndarray:
-        """Reference positions of the nodes of elements, float64, shape (n_nodes, 3)."""
-        return node_positions(self.discretization)
+        units, unknowns = self.share.units, self.model.unknowns
+        places = positions(self.model) * units.length + units.origin
+        rows = np.asarray(field(places), float) / units.length
+        self.state.u[:] = unknowns.join(np.broadcast_to(rows, places.shape))
+        self._evaluated = False

@@ -6,6 +6,7 @@ import hashlib
 import math
 import platform
 import sys
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -15,6 +16,8 @@ from pdfem_mpi import __version__
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.peridynamics.fit.fit import BodyFit
+from pdfem_mpi.results.run_folder import read_history
+from pdfem_mpi.runs.failure_outcome import failure_outcome, failure_rows
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.notes import Findings
 from pdfem_mpi.system.exit_codes import RUN_STATUS
@@ -31,11 +34,10 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         After its end.
     findings : Findings
     facts : dict
-        What only the run knows: deck_text, fields_sha256, counts, bonds_per_rank, evaluations, seconds,
-        seconds_of_all_starts, memory.
+        What only the run knows: deck_text, fields_sha256, counts, bonds_per_rank, evaluations, memory, times.
     """
     simulation, checkpoints, ended = march.simulation, march.checkpoints, march.ended
-    model, discretization = simulation.model, simulation.discretization
+    model, share = simulation.model, simulation.share
     return {
         "schema_version": SCHEMA_VERSION,
         "status": RUN_STATUS[ended.code],
@@ -48,9 +50,9 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         "mesh": {
             "kind": scene.mesh.kind,
             "symmetry": list(scene.mesh.symmetry),
-            "sha256": discretization.mesh.sha256(),
-            "notes": list(discretization.notes),
-            **asdict(discretization.quality),
+            "sha256": share.mesh_sha256,
+            "notes": list(share.notes),
+            **asdict(share.quality),
         },
         "counts": facts["counts"],
         "bonds_per_rank": facts["bonds_per_rank"],
@@ -64,13 +66,14 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         "restarts": checkpoints.restarts,
         "seconds_of_all_starts": facts["seconds_of_all_starts"],
         **_of_bonds(scene, model, findings),
-        "failure": findings.failure,
+        "failure": _failure(march, findings),
         "bonds_cut_by_cracks": list(model.cut),
         "parts_at_start": {"count": simulation.case.parts.count, "not_held": len(simulation.case.unsupported)},
-        "bonds_by_materials": named_pairs(discretization.materials.names, findings.bonds_by_material),
+        "bonds_by_materials": named_pairs(share.materials.names, findings.bonds_by_material),
         "probes": march.outputs.results,
         "seconds": facts["seconds"],
         "memory": facts["memory"],
+        "communication": ended.communication,
         "versions": {
             "pdfem_mpi": __version__,
             "python": platform.python_version(),
@@ -78,6 +81,19 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
             "numba": sys.modules["numba"].__version__,
         },
     }
+
+
+def _failure(march: March, findings: Findings) -> dict[str, Any] | None:
+    """The criterion, and what came of it."""
+    failure, simulation = march.simulation.failure, march.simulation
+    if failure is None or findings.failure is None:
+        return findings.failure
+    try:
+        history = read_history(march.outputs.history.history.path)
+    except (OSError, ValueError):
+        return findings.failure
+    units, program = simulation.share.units, simulation.state.program
+    return findings.failure | failure_outcome(history, program, failure, units, findings.failure)
 
 
 def _of_bonds(scene: Scene, model: Model, findings: Findings) -> dict[str, Any]:
@@ -151,15 +167,44 @@ def end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
         if solve["energy_error"] is not None:
             rows.append(("error in the energy norm, about", f"{solve['energy_error']:.2e}"))
         rows.append(("net internal force, moment", f"{balance['force']:.1e}, {balance['moment']:.1e} of the sums"))
+    rows += failure_rows(summary["failure"], scene)
     length = scene.units.length
     for name, value in summary["probes"].items():
+        if isinstance(value, dict):
+            rows += [(f"{name}, {word}".replace("_", " "), text) for word, text in _nested(value)]
+            continue
         unit = f" {length}" if isinstance(value, list) or name == "end_displacement" else ""
         text = ", ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else f"{value:.6g}"
         rows.append((name.replace("_", " "), text + unit))
     seconds = summary["seconds"]
     rows.append(("seconds: set-up, solve, total", ", ".join(f"{seconds[k]:.1f}" for k in ("setup", "solve", "total"))))
+    if summary["communication"]:
+        rows.append(("between ranks", _describe_communication(summary["communication"])))
     rows.append(("peak memory per rank", f"{max(summary['memory']['peak_bytes_per_rank']) / 2**20:.0f} MiB"))
     return rows
+
+
+def _describe_communication(between: dict[str, Any]) -> str:
+    """Balance, waiting and what was sent, in words."""
+    computed, waited = (between[f"seconds_{what}"]["mean"] for what in ("computed", "waited"))
+    sent, size = (between[f"{what}_per_evaluation"]["mean"] for what in ("messages", "bytes"))
+    share = 100.0 * waited / max(computed + waited, 1e-9)
+    return (
+        f"the busiest computed {between['imbalance']:.2f} times the mean, {share:.0f} % of the time was waited, "
+        f"{sent:.0f} messages and {size / 2**10:.0f} KiB sent a rank and evaluation"
+    )
+
+
+def _nested(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Words and numbers of what a probe found by name; means of what it found over a set."""
+    for word, value in found.items():
+        if value is None:
+            continue
+        values = value["mean"] if isinstance(value, dict) else value if isinstance(value, list) else [value]
+        yield (
+            f"mean {word}" if isinstance(value, dict) else word,
+            ", ".join("-" if v is None else f"{v:.6g}" for v in values),
+        )
 
 
 def sha256(text: str) -> str:

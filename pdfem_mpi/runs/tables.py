@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import broadcast, sum_integers
@@ -33,7 +33,9 @@ class Layout:
     n_cells, n_nodes : int
         Cells with free points, and nodes with unknowns, of the whole body.
     n_points : int
-        Points of the whole body, the overlap's included: the lower ids of bonds are below it.
+        Eight times the cells of the mesh: the lower ids of bonds are below it.
+    columns : int
+        Of the table of broken bonds: two ids, and a tooth where bonds soften.
     cells, nodes : int64
         Global numbers of this rank's, in the order of its unknowns.
     """
@@ -43,6 +45,7 @@ class Layout:
     n_points: int
     cells: np.ndarray
     nodes: np.ndarray
+    columns: int
 
     def tables(self, n_broken: int, wide: bool, fields: Iterable[str]) -> dict[str, tuple[int, int, np.dtype]]:
         """Names, rows, columns and types of all tables of a file; ``wide``: ids of broken bonds need 64 bits."""
@@ -50,20 +53,28 @@ class Layout:
         names = tuple(fields)
         tables = {f"points/{name}": (8 * self.n_cells, 3, double) for name in names}
         tables |= {f"nodes/{name}": (self.n_nodes, 3, double) for name in names}
-        return tables | {BROKEN: (n_broken, 2, np.dtype("<u8" if wide else "<u4"))}
+        return tables | {BROKEN: (n_broken, self.columns, np.dtype("<u8" if wide else "<u4"))}
 
 
-def make_layout(discretization: Discretization, model: Model) -> Layout:
-    """Number the cells with free points in the order of the mesh, and find this rank's rows."""
-    free = discretization.has_points & ~discretization.is_overlap
-    number = np.cumsum(free) - 1
+def make_layout(share: Share, columns: int = 2) -> Layout:
+    """Which rows are this rank's: cells with free points, and nodes with unknowns, in the order of the mesh.
+
+    ``columns`` are those of broken bonds, see `columns_of_broken`.
+    """
+    counts = share.counts
     return Layout(
-        n_cells=int(np.count_nonzero(free)),
-        n_nodes=discretization.n_nodes,
-        n_points=8 * discretization.n_point_cells,
-        cells=number[model.subdomain.free] if model.points else np.empty(0, np.int64),
-        nodes=model.nodes.number[: model.nodes.n_owned] if model.nodes else np.empty(0, np.int64),
+        n_cells=counts.free_cells,
+        n_nodes=counts.nodes,
+        n_points=8 * counts.cells,
+        cells=share.free_row[share.subdomain.free],
+        nodes=share.own_node_rows,
+        columns=columns,
     )
+
+
+def columns_of_broken(model: Model) -> int:
+    """Columns of the table of broken bonds: two ids and, where bonds soften, a tooth."""
+    return 3 if model.bonds and model.bonds.softened else 2
 
 
 def write_tables(
@@ -79,8 +90,8 @@ def write_tables(
     ----------
     fields : dict of float64 arrays, shape (n_unknowns,)
         Those of the state.
-    broken : int64, shape (n, 2)
-        Global ids ``i < j`` of the broken bonds that this rank computes, each bond on one rank.
+    broken : int64, shape (n, layout.columns)
+        Global ids ``i < j`` of the broken bonds that this rank computes, each bond on one rank; their teeth.
     writer : Writer or None
         Rank 0's, which keeps its errors to itself.
     """
@@ -132,8 +143,13 @@ def read_fields(model: Model, layout: Layout, state: State, reader: Reader | Non
         unknowns.of_nodes(values)[:] = rows
 
 
-def read_broken(model: Model, reader: Reader | None) -> np.ndarray:
-    """Broken bonds with an end in a cell of this rank, int64, shape (n, 2); one may be on two ranks. Collective.
+def read_broken(share: Share, model: Model, reader: Reader | None, schema: int) -> np.ndarray:
+    """Broken bonds with an end in a cell of this rank, int64, shape (n, columns); one may be on two ranks. Collective.
+
+    Parameters
+    ----------
+    schema : int
+        Of the checkpoint: ids of schema 1 count cells with points, see `renumber`.
 
     Raises
     ------
@@ -141,17 +157,18 @@ def read_broken(model: Model, reader: Reader | None) -> np.ndarray:
         On all ranks.
     """
     comm = model.comm
-    total = broadcast(comm, reader.rows(BROKEN) if reader else 0)
+    total, columns = broadcast(comm, reader.shape(BROKEN) if reader else (0, 0))
     if not total or not model.points:
-        return np.empty((0, 2), np.int64)
-    owned = np.sort(model.points.cell_number[: model.points.n_owned])
+        return np.empty((0, columns), np.int64)
+    own_cells = model.points.cell_number[: model.points.n_owned]
+    owned = np.sort(share.own_point_rows if schema == 1 else own_cells)
 
     def ours(ids):
         return np.isin(ids // 8, owned)
 
     found = []
     for first in range(0, total, PAIRS):
-        pairs, message = np.empty((min(PAIRS, total - first), 2), np.int64), None
+        pairs, message = np.empty((min(PAIRS, total - first), columns), np.int64), None
         if reader:
             try:
                 pairs[:] = reader.read_rows(BROKEN, first, first + len(pairs))
@@ -161,4 +178,23 @@ def read_broken(model: Model, reader: Reader | None) -> np.ndarray:
             raise OSError(message)
         comm.Bcast(pairs)
         found.append(pairs[ours(pairs[:, 0]) | ours(pairs[:, 1])])
-    return np.concatenate(found)
+    pairs = np.concatenate(found)
+    if schema == 1:
+        pairs[:, :2] = renumber(pairs[:, :2], share)
+    return pairs
+
+
+def renumber(ids: np.ndarray, share: Share) -> np.ndarray:
+    """Ids of points that this rank sees, from counts over the cells with points to numbers in the mesh.
+
+    Checkpoints of schema 1 have the former; an image's cell is counted on by the number of all of them for each
+    reflection. A point that the rank does not see gets an id that no point has.
+    """
+    number, point = np.divmod(ids, 8)
+    reflection, row = np.divmod(number, share.counts.point_cells)
+    order = np.argsort(share.point_row, kind="stable")
+    place = np.minimum(np.searchsorted(share.point_row, row, sorter=order), len(order) - 1)
+    cell = order[place]
+    known = share.point_row[cell] == row
+    found = 8 * (share.mesh.cell_id[cell] + share.counts.cells * reflection) + point
+    return np.where(known, found, -1)

@@ -60,7 +60,7 @@ def describe_divergence(model: Model, found: str) -> str:
 
 @dataclass(frozen=True)
 class Sums:
-    """What one evaluation tells.
+    """What one evaluation found.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Relaxation:
         self.inverse_mass = np.where(fixed | (mass == 0.0), 0.0, 1.0 / np.maximum(mass, 1e-300))
         self.force = np.empty_like(mass)
         self.first = self.grown = 0.0
-        self.root_share = np.sqrt(forces.model.share) if len(forces.model.rollers) else None
+        self.root_share = np.sqrt(forces.model.own_part) if len(forces.model.rollers) else None
 
     def evaluate(self, state: State, external: np.ndarray, load: float, failure: Failure | None = None) -> Sums:
         """Evaluate the forces, bonds breaking if a ``failure`` is given; ``load`` is the norm of ``external``.
@@ -121,7 +121,7 @@ class Relaxation:
         try:
             sums = self._evaluate(state, external, load, failure)
         except NotFinite as error:
-            if not self.grown > DIVERGED:  # a number spoilt from outside, or a load that is none
+            if not self.grown > DIVERGED:  # NaN in the state or in the loads
                 raise
             text = f"after {state.iteration} iterations {str(error).rstrip('.')}"
             raise NotConverged(describe_divergence(self.forces.model, text)) from error

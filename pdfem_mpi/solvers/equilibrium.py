@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.programs import Solver as Settings
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.forces import Forces
@@ -26,7 +26,7 @@ from pdfem_mpi.solvers.preconditioner.preconditioner import Preconditioner, make
 class EquilibriumSolver:
     """Brings a state to equilibrium: ``solve(state, external, watch) -> Convergence``; made by `make_solver`.
 
-    Where conjugate gradients break down, relaxation goes on from there, and ``note`` is told.
+    Where conjugate gradients break down, relaxation goes on from there, and ``note`` is called with a sentence.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class EquilibriumSolver:
 
 def make_solver(
     scene: Scene,
-    discretization: Discretization,
+    share: Share,
     forces: Forces,
     case: LoadCase,
     note: Callable[[str], None],
@@ -85,7 +85,7 @@ def make_solver(
     """The scene's solver, set up. Collective."""
     preconditioner, model = None, forces.model
     if model.raised_masses:
-        note(describe_raised(model.raised_masses, 8 * discretization.n_point_cells))
+        note(describe_raised(model.raised_masses, 8 * share.counts.point_cells))
     if scene.solver.kind == "cg":
-        preconditioner = make_preconditioner(discretization, model, case, forces.bounds)
+        preconditioner = make_preconditioner(share, model, case, forces.bounds)
     return EquilibriumSolver(forces, case, scene.solver, preconditioner, note, stop_requests)

@@ -16,7 +16,6 @@ import numpy as np
 
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.model import Model
-from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.solvers.preconditioner.preconditioner import Preconditioner
@@ -56,13 +55,23 @@ def smallest_eigenvalue(model: Model, fixed: np.ndarray, preconditioner: Precond
 
 
 def _random(model: Model) -> np.ndarray:
-    """Displacements that a point or node has on any number of ranks."""
-    parts, numbers = [], np.random.default_rng(SEED)
-    for part, rows, number in (
-        (model.points, 24, model.points and model.points.cell_number[: model.points.n_free]),
-        (model.nodes, 3, model.nodes and model.nodes.number[: model.nodes.n_owned]),
+    """Displacements that a point or node has on any number of ranks: hashes of its number in the mesh."""
+    parts = [np.empty(0)]
+    for kind, part, rows, number in (
+        (0, model.points, 24, model.points and model.points.cell_number[: model.points.n_free]),
+        (1, model.nodes, 3, model.nodes and model.nodes.number[: model.nodes.n_owned]),
     ):
         if part:
-            top = int(largest(model.comm, np.array([number.max(initial=-1)]))[0])
-            parts.append(numbers.uniform(-SIZE, SIZE, (top + 1, rows))[number].reshape(-1))
+            key = (rows * number[:, None] + np.arange(rows)).reshape(-1).astype(np.uint64)
+            parts.append(SIZE * _uniform(2 * key + np.uint64(kind)))
     return np.concatenate(parts)
+
+
+def _uniform(key: np.ndarray) -> np.ndarray:
+    """Numbers from -1 to 1 by splitmix64 (Steele, Lea, Flood 2014) of keys, uint64."""
+    with np.errstate(over="ignore"):
+        z = (key + np.uint64(SEED)) * np.uint64(0x9E3779B97F4A7C15)
+        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        z ^= z >> np.uint64(31)
+    return (z >> np.uint64(11)).astype(float) * 2.0**-52 - 1.0

@@ -28,7 +28,8 @@ class Report:
         From 1.
     event : str
         ``"step"``; of a ramp ``"ramp"`` and ``"end"``; of events ``"critical"`` (in equilibrium, the next bond is about
-        to break), ``"batch"`` (within an avalanche), ``"arrest"`` (in equilibrium again) and ``"end"``.
+        to break), ``"batch"`` (within an avalanche), ``"arrest"`` (in equilibrium again), ``"turn"`` (where the way of
+        the load turns) and ``"end"``.
     load_factor : float
     displacement : float, dimension length
         Largest prescribed displacement or, under forces alone, their work over ``case.load``.
@@ -48,8 +49,12 @@ class Report:
         Bounding box of the midpoints of broken bonds.
     elements : Deformation or None
         Of elements in finite kinematics.
+    time : float or None
+        Pseudo-time of a program that has one.
     seconds : float
         Since the row before.
+    softened : int or None
+        Bonds that have softened and are not gone; None where none can.
     """
 
     step: int
@@ -69,7 +74,9 @@ class Report:
     released: float | None
     extent: np.ndarray | None
     elements: Deformation | None
+    time: float | None
     seconds: float
+    softened: int | None = None
 
     @property
     def ledger_error(self) -> float | None:
@@ -148,7 +155,9 @@ class Reporter:
             released=released,
             extent=failure.extent if failure else None,
             elements=elements,
+            time=state.program.get("time"),
             seconds=now - state.began,
+            softened=getattr(failure, "soft", None),
         )
         state.program["told_broken"], state.began = broken, now
         return row
@@ -203,4 +212,5 @@ def balance(forces: Forces, state: State, case: LoadCase, internal: np.ndarray):
         whole = float(gross[d].max())
         return float(np.abs(net[d]).max()) / whole if whole > 0.0 else 0.0
 
-    return support_resultants(forces, case, internal), ratio(slice(0, 3)), ratio(slice(3, 6))
+    held = internal if case.thermal is None else internal + state.load_factor * case.thermal.forces
+    return support_resultants(forces, case, held), ratio(slice(0, 3)), ratio(slice(3, 6))

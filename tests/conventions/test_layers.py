@@ -153,6 +153,19 @@ def test_folders_import_downwards(module):
     assert not wrong, wrong
 
 
+#: Modules of the body that speak of all of its cells. The share of a rank is what later stages see.
+WHOLE_BODY = ("body.discretization", "body.subdomain", "body.regions", "body.overlap", "body.fitted_bodies")
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if floor(name) is not None])
+def test_the_whole_body_ends_at_its_share(module):
+    """Above `body/` nothing imports what is made of all cells of the mesh."""
+    if floor(module) >= floor("body"):
+        return
+    imported = {item.target.removeprefix("pdfem_mpi.") for item in imports_of(TREES[module])}
+    assert not imported & set(WHOLE_BODY)
+
+
 @pytest.mark.parametrize("module", MODULES)
 def test_libraries_stay_at_home(module):
     """Rule 2: a third-party library has one home. Names for annotations only do not load it."""

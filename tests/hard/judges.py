@@ -58,7 +58,7 @@ def _largest(difference: np.ndarray, of: np.ndarray) -> float:
 def _fields(scene: Scene, outcome: Outcome):
     """Positions and displacements of what the scene has: points, then nodes."""
     body = reference.make_body(scene)
-    nodes = body.discretization.mesh.nodes[body.discretization.node_number >= 0]
+    nodes = body.share.mesh.nodes[body.share.node_row >= 0]
     pairs = [(body.x, outcome.points), (nodes, outcome.nodes)]
     found = [(x, u) for x, u in pairs if len(x)]
     return np.concatenate([x for x, _ in found]), np.concatenate([u for _, u in found])
@@ -125,10 +125,9 @@ def probe(name: str, value: float, tolerance: float) -> Judge:
     return compared(measure, tolerance)
 
 
-def same_as_other(tolerance: float, length: float = 1.0, force: float = 1.0, events: bool = True) -> Judge:
-    """Probes and last row (load, displacement, reaction, broken bonds) of the case `against`, in other units.
-
-    As many events, too, unless what counts as one hangs on round-off.
+def same_as_other(tolerance: float, length: float = 1.0, force: float = 1.0) -> Judge:
+    """Probes, number of rows and last row (load, displacement, reaction, broken bonds) of the case `against`, in other
+    units.
     """
 
     def measure(scene, outcome, others):
@@ -142,8 +141,7 @@ def same_as_other(tolerance: float, length: float = 1.0, force: float = 1.0, eve
         for name, unit in units.items():
             if then.get(name):
                 errors.append(abs(last[name] / (unit * then[name]) - 1.0))
-        if events:
-            errors.append(float(len(outcome.history) != len(other.history)))
+        errors.append(float(len(outcome.history) != len(other.history)))
         return f"largest difference {max(errors):.1e}", max(errors)
 
     return compared(measure, tolerance)
@@ -177,6 +175,37 @@ def broken(ledger: float | None = 1e-9, **limits: float) -> Judge:
     return compared(measure, ledger or 1.0)
 
 
+def softened(ledger: float = 1e-9, mirror: float | None = None) -> Judge:
+    """Bonds softened, with a ledger that closes; gone bonds are mirror images about x = ``mirror``."""
+
+    def measure(scene, outcome, others):
+        last = outcome.history[-1]
+        errors = [0.0 if last["softened_bonds"] + last["broken_bonds"] > 0 else np.inf]
+        errors += [abs(row["ledger_error"]) / ledger for row in outcome.history]
+        if mirror is not None:
+            gone = [row for row in outcome.history if row["broken_bonds"]]
+            errors += [abs(row["crack_x_min"] + row["crack_x_max"] - 2.0 * mirror) / 1e-9 for row in gone]
+        counts = f"{int(last['broken_bonds']):,} bonds gone, {int(last['softened_bonds']):,} softened"
+        return f"{last['event']} at load factor {last['load_factor']:.6g}, {counts}", max(errors) * ledger
+
+    return compared(measure, ledger)
+
+
+def snaps_back(ledger: float = 1e-9) -> Judge:
+    """Past its peak load the displacement falls, too, by a twentieth at least."""
+
+    def measure(scene, outcome, others):
+        rows = [row for row in outcome.history if row["event"] == "critical"]
+        peak = max(range(len(rows)), key=lambda k: rows[k]["reaction"])
+        least = min(row["displacement"] for row in rows[peak:])
+        errors = [abs(row["ledger_error"]) / ledger for row in outcome.history]
+        errors.append(0.0 if least < 0.95 * rows[peak]["displacement"] else np.inf)
+        text = f"peak at {rows[peak]['displacement']:.4g}, then back to {least:.4g}"
+        return text, max(errors) * ledger
+
+    return compared(measure, ledger)
+
+
 def nothing_moves() -> Judge:
     """No displacement at all."""
 
@@ -198,8 +227,8 @@ def counted_bonds(tolerance: float) -> Judge:
     def measure(scene, outcome, others):
         body = reference.make_body(scene)
         i, j, k = reference.bonds(body)
-        across = body.discretization.region[body.cell[i]] != body.discretization.region[body.cell[j]]
-        moves = np.array([[s.x, s.y, s.z] for s in scene.supports])[body.discretization.region[body.cell]]
+        across = body.share.region[body.cell[i]] != body.share.region[body.cell[j]]
+        moves = np.array([[s.x, s.y, s.z] for s in scene.supports])[body.share.region[body.cell]]
         xi, eta = (body.x[j] - body.x[i])[across], (moves[j] - moves[i])[across]
         r = np.linalg.norm(xi, axis=1)
         stretch = (xi * eta).sum(axis=1) / r**2

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.share import share_of
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.fields import fields_sha256, gather_fields
 from pdfem_mpi.model.breaking import make_failure
@@ -30,10 +30,10 @@ def rotation(scene: Scene, comm, degrees: float) -> dict[str, float]:
     dict of float
         ``force``, relative to that of a strain of 1e-2, and ``broken`` bonds.
     """
-    discretization = discretize(scene)
-    model = build_model(scene, discretization, comm)
+    share = share_of(scene, comm)
+    model = build_model(scene, share, comm)
     state = new_state(model)
-    forces, failure = Forces(model, state.bounds), make_failure(scene, discretization, model)
+    forces, failure = Forces(model, state.bounds), make_failure(scene, share, model)
     x = point_rows(model.unknowns.of_points(model.points.x))
     if model.nodes:
         x = np.concatenate([x, model.nodes.x[: model.nodes.n_owned]])
@@ -52,7 +52,7 @@ def rotation(scene: Scene, comm, degrees: float) -> dict[str, float]:
     size(state.u)  # bounds that suit the rotation
     found = size(state.u, failure)
     broken = failure.close(model.comm)
-    fields = gather_fields(discretization, forces, state.u)
+    fields = gather_fields(share, forces, state.u)
     return {
         "force": found / of_strain,
         "broken": float(broken),

@@ -19,7 +19,7 @@ HELD = 'supports=[{face="x-",x=0.0,y=0.0,z=0.0},{face="y-",y=0.0},{face="y+",y=0
 def rows(comm):
     """Residuals, reactions and balances of all rows."""
     body = build(read_deck(ROOT / "jobs" / "hard" / "supports.toml", [HELD]), comm)
-    solve = make_solver(body.scene, body.discretization, body.forces, body.case, lambda text: None)
+    solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
     program = follow_load_program(body.scene, solve, None, body.state, body.case)
     return [(row.convergence.residual, *row.resultant.tolist(), row.force_balance) for row in program]
 

@@ -16,9 +16,13 @@ from pdfem_mpi.parallel.comm import (
     install_abort_hook,
     largest,
     node_communicator,
+    observing_progress,
+    on_root_beating,
     sum_integers,
 )
-from pdfem_mpi.parallel.slabs import gather_rows
+from pdfem_mpi.parallel.slabs import gather_pairs, gather_rows
+from support.counting import CountingComm
+from support.helpers import assert_all
 
 pytestmark = pytest.mark.mpi(min_size=2)
 
@@ -221,6 +225,27 @@ def test_an_uncaught_exception_aborts_with_rank_and_traceback(hooks, capsys):
     assert group.code == 70
     assert text.startswith("[rank 2] Traceback")
     assert text.endswith("KeyError: 'lost'\n")
+
+
+def test_all_ranks_hear_that_rank_0_is_at_work(comm):
+    """What it does is done once, and its errors are its own business."""
+    beats, done = [], []
+
+    def action(beat):
+        for _ in range(3):
+            beat()
+        done.append(1)
+
+    with observing_progress(lambda: beats.append(1)):
+        on_root_beating(comm, action)
+    assert_all(comm, len(beats) == 4 and len(done) == (comm.rank == 0), f"{len(beats)} beats, done {len(done)} times")
+
+
+def test_no_pairs_are_gathered_in_one_reduction(comm):
+    """As at a checkpoint without a broken bond: nothing on rank 0 grows with ranks and body."""
+    counted = CountingComm(comm)
+    assert list(gather_pairs(counted, np.empty((0, 2), np.int64), 10**9)) == []
+    assert (counted.calls["Allreduce"], counted.largest) == (1, 8)
 
 
 @pytest.mark.parametrize(("error", "code"), [(ZeroDivisionError, 70), (SystemExit, None)])

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from pdfem_mpi.body import share as share_module
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.peridynamics import Crack
-from pdfem_mpi.model import model as model_module
 from pdfem_mpi.model.mechanisms import describe_motion
 from pdfem_mpi.model.parts import describe_unsupported, find_parts, find_unsupported
 from pdfem_mpi.parallel.comm import mpi
@@ -38,8 +38,8 @@ def found(body):
     unsupported = find_unsupported(body.model, parts, body.case.fixed)
     points = body.model.points
     table = gather_rows(
-        body.model.comm, np.searchsorted(body.numbers, points.cell_number[: points.n_free]),
-        parts.of[: 8 * points.n_free].reshape(-1, 8), len(body.numbers),
+        body.model.comm, body.share.free_row[body.share.subdomain.free],
+        parts.of[: 8 * points.n_free].reshape(-1, 8), body.share.counts.free_cells,
     )  # fmt: skip
     motion = body.of_positions(lambda x: np.where(x[:, :1] > 2.0, x[:, [1, 0, 2]] * [-1.0, 1.0, 0.0], 0.0))
     told = [parts.count, describe_unsupported(parts, unsupported), describe_motion(body.model, motion)]
@@ -49,20 +49,14 @@ def found(body):
 @pytest.mark.parametrize("n_elements", [0, 4])
 @pytest.mark.parametrize("owners", ["bisection", "random"])
 def test_parts_are_the_same_on_any_number_of_ranks(comm, monkeypatch, owners, n_elements):
-    def prepared(group):
-        body = torn(group, n_elements)
-        free = body.discretization.has_points & ~body.discretization.is_overlap
-        body.numbers = body.discretization.point_cell_number[free]
-        return body
-
-    expected, table = found(prepared(mpi().COMM_SELF))
+    expected, table = found(torn(mpi().COMM_SELF, n_elements))
     if owners == "random":
         monkeypatch.setattr(
-            model_module,
+            share_module,
             "partition",
-            lambda d, n: np.random.default_rng(1).permutation(len(d.mesh.cells)).astype(np.int32) % n,
+            lambda d, n, neighbours: np.random.default_rng(1).permutation(len(d.mesh.cells)).astype(np.int32) % n,
         )
-    told, rows = found(prepared(comm))
+    told, rows = found(torn(comm, n_elements))
     assert_all(comm, expected[0] > 3, "nothing came off")
     assert_all(comm, told == expected, "parts differ from those of one rank")
     assert_all(comm, rows is None or rows == table, "points are in other parts")

@@ -18,7 +18,7 @@ SCENE = make_scene((8, 2, 2), 4, correction="none", solver="adr", tolerance=0.5)
 def solved(comm):
     """Numbers of bonds and unknowns, evaluations, and the digest of the fields (of rank 0 on all)."""
     body = build(SCENE, comm)
-    solve = make_solver(body.scene, body.discretization, body.forces, body.case, lambda text: None)
+    solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
     (row,) = follow_load_program(body.scene, solve, None, body.state, body.case)
     fields = body.fields(body.state.u)
     owned = int(sum_integers(comm, np.array([body.model.n_unknowns]))[0])

@@ -21,6 +21,6 @@ def test_damage_does_not_depend_on_the_number_of_ranks(comm, kinematics, n_eleme
     """Eq. 5 beside a crack whose bonds stand on several ranks."""
     scene = make_scene((9, 3, 3), n_elements, kinematics=kinematics, cracks=(CRACK,), output=Output(damage=True))
     alone, together = (build(scene, c, loaded=False) for c in (mpi().COMM_SELF, comm))
-    expected = gather_damage(alone.discretization, alone.model)
-    found = broadcast(comm, gather_damage(together.discretization, together.model))
+    expected = gather_damage(alone.share, alone.model)
+    found = broadcast(comm, gather_damage(together.share, together.model))
     assert_all(comm, np.array_equal(found, expected) and found.max() > 0.3, "damage differs from that of one rank")

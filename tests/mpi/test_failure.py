@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from pdfem_mpi.body import share as share_module
 from pdfem_mpi.deck.programs import Ramp, Steps
-from pdfem_mpi.model import model as model_module
 from pdfem_mpi.parallel.comm import mpi
 from support.bodies import build
 from support.failing import DEAD, chipped, failing, followed, numbers, of_bonds, strip
@@ -69,10 +69,10 @@ def test_cells_dealt_out_at_random(comm, monkeypatch):
     """Every bond may be between ranks."""
     expected = on_one_rank("events, elements")
 
-    def random_owners(discretization, n_parts):
+    def random_owners(discretization, n_parts, neighbours):
         return (np.random.default_rng(3).permutation(len(discretization.mesh.cells)) % n_parts).astype(np.int32)
 
-    monkeypatch.setattr(model_module, "partition", random_owners)
+    monkeypatch.setattr(share_module, "partition", random_owners)
     options, rows = SCENES["events, elements"]
     found = outcome(followed(strip(**options), rows, comm))
     assert_all(comm, found == expected, "another history than on one rank")

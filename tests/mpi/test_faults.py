@@ -14,6 +14,7 @@ import pytest
 
 from pdfem_mpi.deck.outputs import Output
 from pdfem_mpi.deck.programs import Steps
+from pdfem_mpi.measure.geometry import gather_geometry
 from pdfem_mpi.model.state import FIELDS
 from pdfem_mpi.parallel import slabs as gathering
 from pdfem_mpi.parallel.comm import broadcast, mpi
@@ -23,7 +24,7 @@ from pdfem_mpi.results.checkpoint import Writer, open_checkpoint
 from pdfem_mpi.results.checkpoint_files import list_checkpoints
 from pdfem_mpi.runs import tables
 from pdfem_mpi.runs.tables import BROKEN, make_layout, read_broken, read_fields, total_broken, write_tables
-from support.bodies import build, make_scene
+from support.bodies import build, local_share, make_scene
 from support.helpers import assert_all
 from support.restarts import FACTORS, StopAt, alone, differing, failing, go, often, outcome, relaxed
 
@@ -141,7 +142,7 @@ def test_ranks_agree_when_no_checkpoint_can_be_used(comm, mpi_tmp_path):
 def test_ranks_agree_when_a_checkpoint_cannot_be_read(comm, mpi_tmp_path):
     """It was sound when it was checked; then the disk fails."""
     body = build(make_scene((5, 2, 2), 2), comm)
-    layout = make_layout(body.discretization, body.model)
+    layout = make_layout(body.share)
 
     class Broken:
         def rows(self, name):
@@ -152,7 +153,10 @@ def test_ranks_agree_when_a_checkpoint_cannot_be_read(comm, mpi_tmp_path):
 
     reader = Broken() if comm.rank == 0 else None
     raised = []
-    for read in (lambda: read_fields(body.model, layout, body.state, reader), lambda: read_broken(body.model, reader)):
+    for read in (
+        lambda: read_fields(body.model, layout, body.state, reader),
+        lambda: read_broken(body.share, body.model, reader, 2),
+    ):
         try:
             read()
         except OSError as error:
@@ -206,11 +210,11 @@ NAMES = [field.name for field in FIELDS]
 
 def every_bond(body):
     """All pairs of points within the cutoff, sorted, of the whole body."""
-    from pdfem_mpi.measure.fields import point_positions
-
-    x = point_positions(body.discretization)
-    near = ((x[:, None] - x[None]) ** 2).sum(axis=2) <= body.discretization.cutoff**2
-    return np.argwhere(np.triu(near, 1))
+    geometry = gather_geometry(local_share(body.scene))
+    x = geometry.point_positions
+    near = ((x[:, None] - x[None]) ** 2).sum(axis=2) <= body.share.cutoff**2
+    pairs = np.argwhere(np.triu(near, 1))
+    return 8 * np.flatnonzero(geometry.has_points)[pairs // 8] + pairs % 8
 
 
 def some(pairs, which):
@@ -222,7 +226,7 @@ def some(pairs, which):
 def store(comm, path, which, wide=False):
     """Write fields that are functions of the position, and broken bonds dealt out to the ranks. Collective."""
     body = build(make_scene((5, 2, 2), 2), comm)
-    layout = make_layout(body.discretization, body.model)
+    layout = make_layout(body.share)
     for k, name in enumerate(NAMES):
         body.state.add(name)[:] = body.of_positions(lambda x, k=k: np.sin(x + k))
     pairs = some(every_bond(body), which)
@@ -251,16 +255,16 @@ def test_tables_are_the_same_file_from_any_number_of_ranks(comm, mpi_tmp_path, m
     assert_all(comm, path.read_bytes() == alone_path.read_bytes(), "files differ")
 
     body = build(make_scene((5, 2, 2), 2), comm)
-    layout = make_layout(body.discretization, body.model)
+    layout = make_layout(body.share)
     for name in NAMES:
         body.state.add(name)
     if comm.rank == 0:
         with open_checkpoint(path) as reader:
             read_fields(body.model, layout, body.state, reader)
-            found = read_broken(body.model, reader)
+            found = read_broken(body.share, body.model, reader, 2)
     else:
         read_fields(body.model, layout, body.state, None)
-        found = read_broken(body.model, None)
+        found = read_broken(body.share, body.model, None, 2)
     for k, values in enumerate(body.state.fields.values()):
         same = np.array_equal(values, body.of_positions(lambda x, k=k: np.sin(x + k)))
         assert_all(comm, same, f"field {k} differs")

@@ -49,8 +49,8 @@ def cracked(kinematics="linear"):
 def events(comm, kinematics):
     """The first rows, and the broken bonds of all ranks. Collective."""
     body = build(cracked(kinematics), comm)
-    failure = make_failure(body.scene, body.discretization, body.model)
-    solver = make_solver(body.scene, body.discretization, body.forces, body.case, print)
+    failure = make_failure(body.scene, body.share, body.model)
+    solver = make_solver(body.scene, body.share, body.forces, body.case, print)
     program = follow_load_program(body.scene, solver, failure, body.state, body.case)
     rows = [numbers(row) for _, row in zip(range(ROWS), program, strict=False)]
     return rows, sorted(pair for part in comm.allgather(failure.broken_pairs().tolist()) for pair in part)

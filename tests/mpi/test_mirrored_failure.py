@@ -23,7 +23,7 @@ def test_events_and_books_do_not_depend_on_the_number_of_ranks(comm):
     alone, books, expected = pull(scene, mpi().COMM_SELF, ROWS)
     remaining = Remaining()
     body, failure, rows = pull(
-        scene, comm, ROWS, lambda body, failure: gather_damage(body.discretization, body.model, remaining, failure)
+        scene, comm, ROWS, lambda body, failure: gather_damage(body.share, body.model, remaining, failure)
     )
     pairs = np.concatenate(comm.allgather(failure.broken_pairs()))
     told = [
@@ -31,12 +31,12 @@ def test_events_and_books_do_not_depend_on_the_number_of_ranks(comm):
         for history in (rows, expected)
     ]
     again = build(scene, comm)
-    taken = make_failure(scene, again.discretization, again.model)
+    taken = make_failure(scene, again.share, again.model)
     bonded = again.model.comm, again.model.points, again.model.bonds
     taken.restore(*bonded, books.broken_pairs(), books.dissipated_digits)
     restored = np.concatenate(comm.allgather(taken.broken_pairs()))
-    damage = broadcast(comm, gather_damage(body.discretization, body.model, remaining, failure))
-    by_all = gather_damage(alone.discretization, alone.model)
+    damage = broadcast(comm, gather_damage(body.share, body.model, remaining, failure))
+    by_all = gather_damage(alone.share, alone.model)
     assert_all(comm, told[0] == told[1], "histories differ")
     assert_all(comm, (damage == by_all).all(), "damage differs")
     one = np.unique(books.broken_pairs(), axis=0).tolist()

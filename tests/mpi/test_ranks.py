@@ -6,13 +6,13 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
+from pdfem_mpi.body import share as share_module
 from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.deck.materials import Interface, Material
 from pdfem_mpi.deck.peridynamics import Coupling, Crack
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.fields import fields_sha256, gather_fields
-from pdfem_mpi.model import model as model_module
 from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.peridynamics.bonds import count_by_material, total_bonds
 from pdfem_mpi.solvers import adr
@@ -166,7 +166,7 @@ def few_iterations(body):
 def equilibrium(body):
     """Take a body through its load program and return all that must not depend on ranks. Collective."""
     seen = []
-    solver = make_solver(body.scene, body.discretization, body.forces, body.case, seen.append)
+    solver = make_solver(body.scene, body.share, body.forces, body.case, seen.append)
     watch = lambda step, progress: seen.append(progress)  # noqa: E731
     for found in follow_load_program(body.scene, solver, None, body.state, body.case, watch):
         seen += [found.convergence, found.resultant.tolist(), (found.force_balance, found.moment_balance)]
@@ -176,7 +176,7 @@ def equilibrium(body):
 def outcome(body, seen):
     """Digest of the fields, counts, and what was seen, equal on all ranks of the body. Collective."""
     comm = body.model.comm
-    fields = gather_fields(body.discretization, body.forces, body.state.u)
+    fields = gather_fields(body.share, body.forces, body.state.u)
     counts = body.forces.evaluations, total_bonds(comm, body.model.bonds)
     return broadcast(comm, fields and fields_sha256(fields)), counts, seen
 
@@ -216,7 +216,7 @@ def test_equilibrium_does_not_depend_on_the_number_of_ranks(comm, name, solver):
     assert_same(comm, found, expected)
 
 
-def random_owners(discretization, n_parts, seed):
+def random_owners(discretization, n_parts, neighbours, seed):
     """Cells dealt out one by one, none left out: every cell has neighbours elsewhere."""
     rng = np.random.default_rng(seed)
     n_cells = len(discretization.mesh.cells)
@@ -225,21 +225,21 @@ def random_owners(discretization, n_parts, seed):
     return owner.astype(np.int32)
 
 
-def by_model(discretization, n_parts):
+def by_model(discretization, n_parts, neighbours):
     """The last rank has all peridynamic cells and nothing else, the others share the elements."""
     owner = np.arange(len(discretization.mesh.cells)) % max(1, n_parts - 1)
     owner[discretization.has_points & ~discretization.is_overlap] = n_parts - 1
     return owner.astype(np.int32)
 
 
-def points_without_overlap(discretization, n_parts):
+def points_without_overlap(discretization, n_parts, neighbours):
     """Rank 0 has all cells with points, overlap included; the others have elements only."""
     owner = np.arange(len(discretization.mesh.cells)) % max(1, n_parts - 1) + (n_parts > 1)
     owner[discretization.has_points] = 0
     return owner.astype(np.int32)
 
 
-def single_cell(discretization, n_parts, kind):
+def single_cell(discretization, n_parts, neighbours, kind):
     """The last rank owns one cell: of elements, of overlap, or peridynamic."""
     free = discretization.has_points & ~discretization.is_overlap
     chosen = {"element": ~discretization.has_points, "overlap": discretization.is_overlap, "free": free}[kind]
@@ -248,15 +248,15 @@ def single_cell(discretization, n_parts, kind):
     return owner.astype(np.int32)
 
 
-def reversed_ranks(discretization, n_parts, partition):
+def reversed_ranks(discretization, n_parts, neighbours, partition):
     """The parts of a run, given to the ranks in reverse."""
-    return n_parts - 1 - partition(discretization, n_parts)
+    return n_parts - 1 - partition(discretization, n_parts, neighbours)
 
 
 OWNERS = {
     "random": partial(random_owners, seed=1),
     "random again": partial(random_owners, seed=2),
-    "reversed": partial(reversed_ranks, partition=model_module.partition),
+    "reversed": partial(reversed_ranks, partition=share_module.partition),
     "elements here, points there": by_model,
     "elements only elsewhere": points_without_overlap,
     "a single element": partial(single_cell, kind="element"),
@@ -279,7 +279,7 @@ OWNERS = {
 def test_iterations_do_not_depend_on_who_owns_what(comm, monkeypatch, owners, name):
     """Any map of cells to ranks gives the same bits, also where a rank has one description only or one cell."""
     expected = on_one_rank(few_iterations, name)
-    monkeypatch.setattr(model_module, "partition", OWNERS[owners])
+    monkeypatch.setattr(share_module, "partition", OWNERS[owners])
     found = few_iterations(build(SCENES[name](), comm))
     assert_same(comm, found, expected)
 
@@ -287,7 +287,7 @@ def test_iterations_do_not_depend_on_who_owns_what(comm, monkeypatch, owners, na
 def test_mirror_images_do_not_depend_on_who_owns_what(comm, monkeypatch):
     """Images of own cells and of ghosts, through one, two and three planes, with cells dealt out one by one."""
     expected = on_one_rank(few_iterations, "coupled eighth, finite")
-    monkeypatch.setattr(model_module, "partition", OWNERS["random"])
+    monkeypatch.setattr(share_module, "partition", OWNERS["random"])
     found = few_iterations(build(SCENES["coupled eighth, finite"](), comm))
     assert_same(comm, found, expected)
 
@@ -296,7 +296,7 @@ def test_mirror_images_do_not_depend_on_who_owns_what(comm, monkeypatch):
 def test_conjugate_gradients_do_not_depend_on_who_owns_what(comm, monkeypatch, owners):
     """The coarse space is the same whatever the map of cells to ranks."""
     expected = on_one_rank(equilibrium, "coupled, linear, appendix_a", "cg")
-    monkeypatch.setattr(model_module, "partition", OWNERS[owners])
+    monkeypatch.setattr(share_module, "partition", OWNERS[owners])
     found = equilibrium(build(SCENES["coupled, linear, appendix_a"](solver="cg"), comm))
     assert_same(comm, found, expected)
 

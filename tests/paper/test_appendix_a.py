@@ -41,7 +41,7 @@ def block():
 def vectors_of(body):
     """Correction vectors in cluster layout, and what remained before the last sweep."""
     model = body.model
-    return appendix_a(model.comm, model.points, body.discretization.materials, model.bonds)
+    return appendix_a(model.comm, model.points, body.share.materials, model.bonds)
 
 
 CORRECTED = {}

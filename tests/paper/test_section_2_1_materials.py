@@ -26,7 +26,7 @@ CONTRASTS = (1e-3, 1e-1, 10.0, 1e3)
 def solve(body):
     """Take a body to equilibrium in one step; the number of evaluations."""
     notes = []
-    solver = make_solver(body.scene, body.discretization, body.forces, body.case, notes.append)
+    solver = make_solver(body.scene, body.share, body.forces, body.case, notes.append)
     body.state.u[body.case.fixed] = body.case.prescribed[body.case.fixed]
     evaluations = solver(body.state, body.case.external).evaluations
     assert not notes
@@ -35,14 +35,14 @@ def solve(body):
 
 def positions_and_displacements(body):
     """Free points and all nodes, float64, shapes (n, 3)."""
-    found, fields = body.discretization, body.fields(body.state.u)
+    found, fields = body.share, body.fields(body.state.u)
     x, u = [], []
     if fields.u_points is not None:
         free = np.repeat(~found.is_overlap[found.has_points], 8)
         x.append(point_positions(found)[free])
         u.append(fields.u_points[free])
     if fields.u_nodes is not None:
-        x.append(found.mesh.nodes[found.node_number >= 0])
+        x.append(found.mesh.nodes[found.node_row >= 0])
         u.append(fields.u_nodes)
     return np.concatenate(x), np.concatenate(u)
 
@@ -288,7 +288,7 @@ def ball(cells, radius, contrast, model, tolerance=1e-6):
         tolerance=tolerance,
     )
     body = build(scene)
-    length = body.discretization.units.length
+    length = body.share.units.length
     exact = body.of_positions(lambda x: eshelby(x * length, same_volume(body), contrast)[0] / length)
     body.case.prescribed[:] = np.where(body.case.fixed, exact, 0.0)
     return body
@@ -296,13 +296,13 @@ def ball(cells, radius, contrast, model, tolerance=1e-6):
 
 def same_volume(body):
     """Radius of the ball with the volume of the cells that stand for it."""
-    return (3.0 * np.count_nonzero(body.discretization.material) / (4.0 * np.pi)) ** (1.0 / 3.0)
+    return (3.0 * np.count_nonzero(body.share.material) / (4.0 * np.pi)) ** (1.0 / 3.0)
 
 
 def ball_errors(body, contrast):
     """Of the ball's mean and shear strain, relative to the exact ones; of all displacements, relative to their norm."""
     x, u = positions_and_displacements(body)
-    x = x - 0.5 * body.discretization.mesh.upper
+    x = x - 0.5 * body.share.mesh.upper
     radius = same_volume(body)
     exact, strain = eshelby(x, radius, contrast)
     inner = np.sqrt((x**2).sum(axis=1)) < radius - 1.2

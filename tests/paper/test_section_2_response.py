@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.outputs import Output
-from pdfem_mpi.measure.fields import gather_damage, point_positions
+from pdfem_mpi.measure.fields import gather_damage
 from pdfem_mpi.peridynamics.bonds import BULK_MODULUS, RESPONSE_CONSTANT
 from pdfem_mpi.peridynamics.damage import local_damage
 from support.bodies import bond_list, build, make_scene
@@ -175,8 +175,8 @@ def test_damage_beside_a_full_crack(kinematics):
 def test_damage_of_every_point_is_the_ratio_of_eq_5():
     """Eq. 5 against a sum over all pairs of points, near the front of a crack through half the section."""
     body = cracked_block(front=FRONT)
-    found = gather_damage(body.discretization, body.model)
-    x = point_positions(body.discretization)
+    found = gather_damage(body.share, body.model)
+    x = body.geometry.point_positions
     xi = x[None, :] - x[:, None]
     r = np.linalg.norm(xi, axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):

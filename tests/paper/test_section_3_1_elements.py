@@ -15,7 +15,7 @@ ROUND_OFF = 1e-12
 def test_internal_forces_equal_those_of_scikit_fem(poissons_ratio):
     """f = A k u at random displacements of the nodes of hexahedra without any parallel faces."""
     body = distort(build(make_scene((4, 3, 3), 4, poissons_ratio=poissons_ratio), loaded=False))
-    mesh, units = body.discretization.mesh, body.model.units
+    mesh, units = body.share.mesh, body.model.units
     _, _, stiffness, dofs = trilinear_elements(mesh, YOUNGS_MODULUS, poissons_ratio)
     u = np.random.default_rng(11).uniform(-1e-3, 1e-3, mesh.nodes.shape)
     vector = np.empty(u.size)

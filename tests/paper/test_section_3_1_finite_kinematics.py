@@ -97,7 +97,7 @@ def coupled(name):
 
 def rows_of(scene):
     body = build(scene)
-    solve = make_solver(scene, body.discretization, body.forces, body.case, print)
+    solve = make_solver(scene, body.share, body.forces, body.case, print)
     return body, list(follow_load_program(scene, solve, None, body.state, body.case))
 
 
@@ -174,7 +174,7 @@ def test_a_bent_cantilever_is_that_of_an_independent_program(steps):
     """The tip moves by 0.44 of the length, in one step or three: dense Newton's method on elements written anew."""
     factors = tuple((k + 1) / steps for k in range(steps))
     body, rows = rows_of(cantilever(2.0, tolerance=1e-11, stepping=Steps(load_factors=factors)))
-    x, cells = body.discretization.nodes, body.discretization.mesh.cells
+    x, cells = body.share.nodes, body.share.mesh.cells
     external = body.case.external.reshape(-1, 3)
     expected = total_lagrangian.solve(x, cells, 0.4, 0.4, external, x[:, 0] == x[:, 0].min(), 4, 1e-11)
     assert np.abs(expected).max() > 4.0

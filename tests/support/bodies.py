@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization, discretize
+from pdfem_mpi.body.share import Share, share_of
 from pdfem_mpi.deck.loads import BodyForce, Traction
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.meshes import BoxMesh
@@ -18,7 +19,8 @@ from pdfem_mpi.deck.programs import Solver
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import parse_deck
-from pdfem_mpi.measure.fields import Fields, gather_fields, point_positions
+from pdfem_mpi.measure.fields import Fields, gather_fields
+from pdfem_mpi.measure.geometry import Geometry, gather_geometry
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase, make_load_case
 from pdfem_mpi.model.model import Model, build_model
@@ -102,11 +104,16 @@ class Body:
     """A scene and all that a run makes of it before it solves; model units, one rank's share."""
 
     scene: Scene
-    discretization: Discretization
+    share: Share
     model: Model
     case: LoadCase | None
     forces: Forces
     state: State
+
+    @cached_property
+    def geometry(self) -> Geometry | None:
+        """The whole body on rank 0. Collective when first asked for."""
+        return gather_geometry(self.share)
 
     def internal(self, u):
         """Force on the unknowns at displacements ``u``, without loads. Collective."""
@@ -117,7 +124,7 @@ class Body:
     def fields(self, u):
         """Displacements of all points and nodes at ``u``; None except on rank 0. Collective."""
         self.internal(u)
-        return gather_fields(self.discretization, self.forces, u)
+        return gather_fields(self.share, self.forces, u)
 
     def of_positions(self, displacement):
         """Unknowns that take the values of a function of positions, shape (n, 3) to (n, 3), model units."""
@@ -133,11 +140,11 @@ class Body:
 def build(scene, comm=None, loaded=True):
     """Assemble a scene as ``run`` does, on this rank alone unless a communicator is given. Collective."""
     comm = mpi().COMM_SELF if comm is None else comm
-    discretization = discretize(scene)
-    model = build_model(scene, discretization, comm)
-    case = make_load_case(scene, discretization, model) if loaded else None
+    share = share_of(scene, comm)
+    model = build_model(scene, share, comm)
+    case = make_load_case(scene, share, model) if loaded else None
     state = new_state(model)
-    return Body(scene, discretization, model, case, Forces(model, state.bounds), state)
+    return Body(scene, share, model, case, Forces(model, state.bounds), state)
 
 
 def bond_list(body):
@@ -158,11 +165,21 @@ def bond_list(body):
     return point_rows(body.model.points.x), *(np.concatenate(arrays) for arrays in zip(*found, strict=True))
 
 
-def fields_of_positions(discretization, displacement):
+def local_share(scene):
+    """The whole body of a scene as the share of this rank alone."""
+    return share_of(scene, mpi().COMM_SELF)
+
+
+def geometry_of(scene):
+    """The shape of a scene's body, on this rank alone."""
+    return gather_geometry(local_share(scene))
+
+
+def fields_of_positions(geometry, displacement):
     """Fields that take the values of a function of positions, shape (n, 3) to (n, 3), in the deck's units."""
-    nodes = discretization.mesh.nodes[discretization.node_number >= 0]
+    nodes = geometry.node_positions
     return Fields(
-        displacement(point_positions(discretization)) if discretization.has_points.any() else None,
+        displacement(geometry.point_positions) if geometry.has_points.any() else None,
         displacement(nodes) if len(nodes) else None,
     )
 

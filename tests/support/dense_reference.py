@@ -252,7 +252,7 @@ class DenseBody:
         return np.concatenate(parts + ([] if u_nodes is None else [u_nodes]))
 
     def _nodes_of(self, cells: np.ndarray) -> np.ndarray:
-        return self.n_own + self.d.node_number[self.d.mesh.cells[cells]]
+        return self.n_own + self.d.node_row[self.d.mesh.cells[cells]]
 
     def points(self, u: np.ndarray) -> np.ndarray:
         """Displacements of all points; those of the overlap follow their nodes (25)."""
@@ -281,18 +281,18 @@ class DenseBody:
             amount = np.array(load.traction) if load.total is None else np.array(load.total) / shares.sum()
             if load.nodal == "consistent":
                 for face, share in zip(faces, shares, strict=True):
-                    np.add.at(force, self.n_own + d.node_number[face], np.outer(share, amount))
+                    np.add.at(force, self.n_own + d.node_row[face], np.outer(share, amount))
             else:
                 nodes = np.unique(faces)
                 part = 0.5 ** self._on_planes(nodes).sum(axis=1)  # the rest belongs to the other side of the plane
-                force[self.n_own + d.node_number[nodes]] += np.outer(part / part.sum(), amount * shares.sum())
+                force[self.n_own + d.node_row[nodes]] += np.outer(part / part.sum(), amount * shares.sum())
         return force
 
     def prescribed(self) -> np.ndarray:
         """Displacements that supports and mirror planes prescribe at load factor 1; NaN elsewhere, (n_places, 3)."""
         d, mesh = self.d, self.d.mesh
         value = np.full((self.n_places, 3), np.nan)
-        carries = np.flatnonzero(d.node_number >= 0)
+        carries = np.flatnonzero(d.node_row >= 0)
         for support in self.scene.supports:
             chosen = self._cells(support)
             nodes = np.zeros(len(mesh.nodes), bool)

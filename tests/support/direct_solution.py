@@ -85,7 +85,7 @@ def make_body(scene: Scene) -> Body:
     tied = np.flatnonzero(~own)
     for a in range(8):
         rows.append(tied)
-        columns.append(n_free + d.node_number[cells[cell[tied], a]])
+        columns.append(n_free + d.node_row[cells[cell[tied], a]])
         values.append(shape(GAUSS)[tied % 8, a])
     ties = sparse.csr_matrix(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (len(x), n_free + d.n_nodes)
@@ -137,7 +137,7 @@ def stiffness(body: Body) -> sparse.csr_matrix:
     total = total + _volumetric(body, i, j, k, springs)
     elastic, tables = np.flatnonzero(d.has_stiffness), _tables(body)
     blocks = np.array([_element(d.mesh.nodes[d.mesh.cells[c]], tables[c]) for c in elastic]).reshape(-1, 24, 24)
-    places = 3 * (body.n_free + d.node_number[d.mesh.cells[elastic]])[:, :, None] + np.arange(3)
+    places = 3 * (body.n_free + d.node_row[d.mesh.cells[elastic]])[:, :, None] + np.arange(3)
     places = places.reshape(-1, 24)
     rows, columns = np.repeat(places, 24, axis=1).reshape(-1), np.tile(places, (1, 24)).reshape(-1)
     return (total + sparse.csr_matrix((blocks.reshape(-1), (rows, columns)), total.shape)).tocsr()
@@ -187,7 +187,7 @@ def external_forces(body: Body) -> np.ndarray:
             force[: body.n_free] += (body.volume[:, None] * own[:, None] * density)[~d.is_overlap[body.cell]]
             for c in np.flatnonzero(chosen & d.has_nodes):
                 for g in range(8):
-                    places = body.n_free + d.node_number[mesh.cells[c]]
+                    places = body.n_free + d.node_row[mesh.cells[c]]
                     force[places] += np.outer(shape(GAUSS)[g], volume[c, g] * density)
             continue
         _, faces = mesh.faces_on_face(load.face)
@@ -199,7 +199,7 @@ def external_forces(body: Body) -> np.ndarray:
             area.sum() if load.total is not None else 1.0
         )
         for nodes in faces:  # a quarter of a parallelogram belongs to each of its nodes
-            force[body.n_free + d.node_number[nodes]] += area[0] / 4.0 * traction
+            force[body.n_free + d.node_row[nodes]] += area[0] / 4.0 * traction
     return force
 
 
@@ -216,7 +216,7 @@ def prescribed(body: Body) -> np.ndarray:
             nodes &= d.mesh.nodes_on_face(support.face)
         if support.set is not None:
             nodes &= np.isin(np.arange(len(nodes)), d.mesh.node_sets[support.set])
-        places = np.concatenate([chosen[own_cell], nodes[d.node_number >= 0]])
+        places = np.concatenate([chosen[own_cell], nodes[d.node_row >= 0]])
         for axis, amount in enumerate((support.x, support.y, support.z)):
             if amount is not None:
                 value[places, axis] = amount
@@ -249,7 +249,7 @@ def solve(scene: Scene) -> tuple[np.ndarray | None, np.ndarray | None]:
     if fixed.any():
         u[free] = _solve(inner, known)
     else:
-        nodes = body.discretization.mesh.nodes[body.discretization.node_number >= 0]
+        nodes = body.discretization.mesh.nodes[body.discretization.node_row >= 0]
         places = np.concatenate([body.x[~body.discretization.is_overlap[body.cell]], nodes])
         modes = sparse.csr_matrix(rigid_motions(places - places.mean(axis=0)).reshape(6, -1))
         u[free] = _solve(sparse.bmat([[inner, modes.T], [modes, None]]), np.append(known, np.zeros(6)))[:-6]

@@ -14,7 +14,6 @@ from pdfem_mpi.deck.peridynamics import Crack, Peridynamics
 from pdfem_mpi.deck.programs import Events, Solver
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.measure.fields import point_positions
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.stepping import Report, follow_load_program, make_solver
@@ -57,6 +56,7 @@ def strip(
     noise=0.0,
     seed=0,
     cells=CELLS,
+    band=1.0,
     poissons_ratio=0.25,
     **options,
 ):
@@ -68,11 +68,13 @@ def strip(
         Range along y.
     elements : int
         Layers of finite elements at each end.
+    band : float
+        Width of what may not fail beside them, or at the ends.
     stepping
         `Events` by default; ``options`` are theirs.
     """
     nx, ny, nz = (float(n) for n in cells)
-    middle, held = nx / 2.0, elements + 1.0
+    middle, held = nx / 2.0, elements + band
     regions = [
         Region(name="left", model="peridynamics", lower=(elements, 0, 0), upper=(held, ny, nz), may_fail=False),
         Region(name="middle", model="peridynamics", lower=(held, 0, 0), upper=(nx - held, ny, nz)),
@@ -122,15 +124,15 @@ class Failing:
 
     def middles(self):
         """Midpoints of the bonds broken on this rank, relative to the body's centre, deck units, shape (n, 3)."""
-        x = point_positions(self.body.discretization) - self.body.discretization.units.origin
-        return x[self.failure.broken_pairs()].mean(axis=1)
+        x = self.body.geometry.point_positions - self.body.share.units.origin
+        return x[self.body.geometry.rows_of_points(self.failure.broken_pairs())[0]].mean(axis=1)
 
 
 def failing(scene, comm=None) -> Failing:
     """Assemble a scene that can fail. Collective."""
     body = build(scene, comm)
-    failure = make_failure(scene, body.discretization, body.model)
-    return Failing(body, failure, make_solver(scene, body.discretization, body.forces, body.case, print), [])
+    failure = make_failure(scene, body.share, body.model)
+    return Failing(body, failure, make_solver(scene, body.share, body.forces, body.case, print), [])
 
 
 def followed(scene, rows=None, comm=None) -> Failing:

@@ -8,7 +8,7 @@ import numpy as np
 
 from pdfem_mpi.deck.outputs import Output
 from pdfem_mpi.deck.peridynamics import Crack
-from pdfem_mpi.measure.fields import gather_damage, point_positions
+from pdfem_mpi.measure.fields import gather_damage
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.peridynamics.bonds import BULK_MODULUS
 from pdfem_mpi.peridynamics.cracks import cut_bonds
@@ -65,7 +65,7 @@ def lattice_constants(body):
     For linear kinematics.
     """
     x, i, j, stored = bond_list(body)
-    edge = body.discretization.mesh.mean_edge / body.model.units.length
+    edge = body.share.mesh.mean_edge / body.model.units.length
     central = np.abs(x).max(axis=1) < edge
     moments = np.zeros((3, 3))
     for end in (i, j):
@@ -125,8 +125,8 @@ def cracked_block(kinematics="linear", front=8.0):
 
 def damage_by_layer(body):
     """Damage of the points at the axis of `cracked_block` in each layer of points, from the crack outwards."""
-    damage = gather_damage(body.discretization, body.model)
-    x = point_positions(body.discretization) - [4.0, 3.5, 3.5]
+    damage = gather_damage(body.share, body.model)
+    x = body.geometry.point_positions - [4.0, 3.5, 3.5]
     inner = np.abs(x[:, 1:]).max(axis=1) < 0.5
     distance = np.abs(x[inner, 0]).round(6)
     return [damage[inner][distance == value] for value in np.unique(distance)]

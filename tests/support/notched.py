@@ -40,8 +40,8 @@ def notched(faces):
 def pull(scene, comm=None, n_rows=ROWS, at_each=None):
     """The body, its books and the first rows of its history; ``at_each(body, failure)`` is called at each row."""
     body = build(scene, comm)
-    failure = make_failure(scene, body.discretization, body.model)
-    solver = make_solver(scene, body.discretization, body.forces, body.case, pytest.fail)
+    failure = make_failure(scene, body.share, body.model)
+    solver = make_solver(scene, body.share, body.forces, body.case, pytest.fail)
     rows = []
     for row in islice(follow_load_program(scene, solver, failure, body.state, body.case), n_rows):
         rows.append(row)

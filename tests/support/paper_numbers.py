@@ -131,7 +131,7 @@ def _appendix_a(full: bool) -> dict[str, Any]:
     try:
         for sweeps in sorted({*(SWEEPS if full else FEW_SWEEPS), usual}):
             correction_sweeps.SWEEPS = sweeps
-            materials = body.discretization.materials
+            materials = body.share.materials
             flat, remaining = appendix_a(body.model.comm, body.model.points, materials, body.model.bonds)
             left_over[sweeps - 1] = float(remaining)
             vectors[sweeps] = point_rows(flat)

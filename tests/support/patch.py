@@ -58,16 +58,16 @@ def gradient_of(name: str) -> np.ndarray:
 
 def distort(body: Body) -> Body:
     """The same body with its inner nodes moved at random (seeded), so that every element is a general hexahedron."""
-    discretization = body.discretization
-    mesh, units = discretization.mesh, discretization.units
+    share = body.share
+    mesh, units = share.mesh, share.units
     x = mesh.nodes
     inner = ((x > mesh.lower + 0.5 * mesh.mean_edge) & (x < mesh.upper - 0.5 * mesh.mean_edge)).all(axis=1)
     moves = np.random.default_rng(7).uniform(-MOVED, MOVED, x.shape) * mesh.mean_edge
     nodes = np.where(inner[:, None], x + moves, x)
-    moved = replace(discretization, mesh=replace(mesh, nodes=nodes), nodes=(nodes - units.origin) / units.length)
+    moved = replace(share, mesh=replace(mesh, nodes=nodes), nodes=(nodes - units.origin) / units.length)
     model = build_model(body.scene, moved, body.model.comm)
     state = new_state(model)
-    return replace(body, discretization=moved, model=model, forces=Forces(model, state.bounds), state=state)
+    return replace(body, share=moved, model=model, forces=Forces(model, state.bounds), state=state)
 
 
 def block(name: str, size: tuple[tuple[int, int, int], int] | None = None) -> Body:
@@ -80,7 +80,7 @@ def block(name: str, size: tuple[tuple[int, int, int], int] | None = None) -> Bo
 
 def held_by(body: Body) -> np.ndarray:
     """Unknowns of the nodes on the block's surface and of the points within a cutoff radius of it; bool."""
-    mesh = body.discretization.mesh
+    mesh = body.share.mesh
     half = 0.5 * (mesh.upper - mesh.lower)
 
     def near_surface(x):

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.body import discretization
+from pdfem_mpi.body.areas import area_vectors, find_boundary
+from pdfem_mpi.body.boundaries import compatible_areas
 from pdfem_mpi.deck.loads import Traction
 from pdfem_mpi.deck.materials import Interface, Material
 from pdfem_mpi.deck.regions import Region
@@ -23,13 +25,12 @@ from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.peridynamics.clusters import cluster_layout
 from pdfem_mpi.peridynamics.fit import equations as bond_factors
 from pdfem_mpi.peridynamics.fit import fit as body_fit
-from pdfem_mpi.peridynamics.fit.areas import area_vectors, find_boundary
 from pdfem_mpi.runs.prepare import check_scene
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from pdfem_mpi.solvers.stability import smallest_eigenvalue
-from support.bodies import build, make_scene, run_deck
+from support.bodies import build, local_share, make_scene, run_deck
 
 # Displacement errors of patch tests in eps Delta. Bonds are stored in single precision, 6e-8; what is left of it
 # after the long bonds have taken it back is 1e-10 in compact bodies, up to 9e-10 where these ones bend.
@@ -68,12 +69,11 @@ def surface_forces(body, stress):
 
     Those of its stress on the body's outer surface and, where stiffnesses meet, of the difference of the two stresses.
     """
-    d, model = body.discretization, body.model
-    part = np.where(d.has_points, d.body, d.n_bodies + d.material)
+    d, model = body.share, body.model
+    part = np.where(d.has_points, d.body, d.counts.bodies + d.material)
     areas = area_vectors(find_boundary(d.mesh, d.nodes, part), len(part))
     if d.has_points.any():
-        volumetric = model.bonds.volumetric is not None
-        on_points, _ = body_fit.compatible_areas(d, find_boundary(d.mesh, d.nodes, d.body), volumetric)
+        on_points, _, _ = d.boundaries.areas_and_slack(False)
         areas[d.has_points] = on_points[d.has_points]
     force = areas @ stress * d.youngs_modulus[:, None, None]
     on_nodes = np.zeros((len(d.nodes), 3))
@@ -86,7 +86,7 @@ def surface_forces(body, stress):
 def patch_errors(body):
     """Worst error of a displacement in eps Delta, by strain: the displacements that take the residual away."""
     model, errors = body.model, {}
-    preconditioner = make_preconditioner(body.discretization, model, body.case)
+    preconditioner = make_preconditioner(body.share, model, body.case)
     rigid = np.linalg.qr(np.stack(list(rigid_modes(model)), axis=1))[0].T
     for name, (a, b) in STRAINS.items():
         gradient = np.zeros((3, 3))
@@ -256,9 +256,9 @@ def test_a_fit_that_does_not_serve_gives_way_to_the_virial_correction(tmp_path, 
     monkeypatch.setattr(body_fit, "USELESS", 1e-30)
     scene = make_scene((5, 4, 2), correction="fitted", signs="bounded", internal_length=1.0, loads=())
     virial = build(make_scene((5, 4, 2), correction="virial", internal_length=1.0, loads=()))
-    discretized = discretization.discretize(scene)
+    share = local_share(scene)
     for reused in (False, True):
-        model = build_model(scene, discretized, mpi().COMM_SELF, (tmp_path,))
+        model = build_model(scene, share, mpi().COMM_SELF, (tmp_path,))
         outcome = model.body_fit
         assert (outcome.fit, outcome.reused) == (None, reused)
         assert re.search(r"found no factors: after \d+ sweeps the residual is [\d.e-]+, .*virial", outcome.notes[0])
@@ -366,7 +366,7 @@ def test_bodies_of_several_materials_are_joined_exactly(name, record_property):
     record_property("errors", errors)
     assert max(errors.values()) < BENDS.get(name, EXACT), errors
     fit = body.model.body_fit.fit
-    assert len(fit.residual_of_bodies) == body.discretization.n_bodies
+    assert len(fit.residual_of_bodies) == body.share.counts.bodies
     assert max(fit.residual_of_bodies) == max(fit.residual, fit.residual_in_slack)
 
 
@@ -377,7 +377,7 @@ def test_areas_at_joints_stay_as_they_are():
     with patch.object(discretization, "make_mesh", lambda _: jittered(cells, 0.15, 1)):
         d = discretization.discretize(scene)
     boundary = find_boundary(d.mesh, d.nodes, d.body)
-    areas, change = body_fit.compatible_areas(d, boundary)
+    areas, change = compatible_areas(d, boundary)
     same = (areas == area_vectors(boundary, len(d.body))).all(axis=(1, 2))
     assert change > 1e-4 and d.is_overlap.any()
     outside = np.isin(np.arange(len(same)), boundary.cell)
@@ -395,7 +395,7 @@ def test_areas_at_joints_change_where_too_few_others_could():
     with patch.object(discretization, "make_mesh", lambda _: jittered(cells, 0.1, 1)):
         d = discretization.discretize(scene)
     boundary = find_boundary(d.mesh, d.nodes, d.body)
-    areas, change = body_fit.compatible_areas(d, boundary)
+    areas, change = compatible_areas(d, boundary)
     raw = area_vectors(boundary, len(d.body))
     assert 1e-4 < change < 1e-2
     assert np.abs(areas - raw).max() < 0.05 * np.abs(raw).max()
@@ -412,7 +412,7 @@ def test_materials_of_the_same_stiffness_are_one_body():
         Region(name="two", model="peridynamics", material="weak", lower=(2.0, 0.0, 0.0)),
     )
     body = fitted((4, 3, 3), regions=regions, materials=materials, signs="bounded")
-    assert body.discretization.n_bodies == 1
+    assert body.share.counts.bodies == 1
     alone = fitted((4, 3, 3), signs="bounded")
     assert (body.model.bonds.interior.data == alone.model.bonds.interior.data).all()
 
@@ -455,7 +455,7 @@ def test_check_tells_what_a_fit_takes():
 
 
 def smallest(body):
-    preconditioner = make_preconditioner(body.discretization, body.model, body.case)
+    preconditioner = make_preconditioner(body.share, body.model, body.case)
     return smallest_eigenvalue(body.model, body.case.fixed, preconditioner)
 
 

@@ -58,7 +58,7 @@ def with_tip(scene, tip):
 def own_fracture_energy(scene):
     """Energy at critical stretch of the bonds that the crack's plane cuts, per area, model units."""
     body = build(scene.model_copy(update={"cracks": ()}), loaded=False)
-    thickness = (scene.mesh.upper[2] - scene.mesh.lower[2]) / body.discretization.units.length
+    thickness = (scene.mesh.upper[2] - scene.mesh.lower[2]) / body.share.units.length
     across = released(body, 0.0, (3.0, 0.75 * thickness))  # six cells along the crack, all of the thickness
     return across / (6.0 * thickness) * scene.material.critical_stretch**2
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.meshing import make_mesh
 from pdfem_mpi.deck.loads import BodyForce, Support, Traction
 from pdfem_mpi.deck.materials import Material
@@ -20,13 +19,12 @@ from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.bar import measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
-from pdfem_mpi.measure.fields import point_positions
 from pdfem_mpi.measure.line import measure_line
 from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import follow_load_program, make_solver
-from support.bodies import build, run_deck
+from support.bodies import build, geometry_of, run_deck
 
 #: Of the largest displacement: two equilibria with residuals of TOLERANCE each; 3.5e-12 is found.
 SOLVED = 1e-11
@@ -106,7 +104,7 @@ def matched(whole, part):
 def solve(scene):
     """The equilibrium at load factor 1 and the body."""
     body = build(scene)
-    solver = make_solver(scene, body.discretization, body.forces, body.case, pytest.fail)
+    solver = make_solver(scene, body.share, body.forces, body.case, pytest.fail)
     (found,) = follow_load_program(scene, solver, None, body.state, body.case)
     return body, found
 
@@ -152,7 +150,7 @@ def test_forces_are_those_of_the_whole_body(model, kinematics, correction, faces
         u = body.of_positions(lambda x, units=units: symmetric(x * units.length + units.origin) / units.length)
         force.append(rows(body, body.internal(u)))
         mass.append(rows(body, body.model.mass))
-    index, share = matched(whole, part), rows(part, part.model.share)
+    index, share = matched(whole, part), rows(part, part.model.own_part)
     assert np.abs(force[0][index] * share - force[1]).max() <= QUANTA * np.abs(force[0]).max()
     assert np.abs(mass[0][index] * share - mass[1]).max() <= ROUND_OFF * mass[0].max()
     assert part.model.correction_remaining == pytest.approx(whole.model.correction_remaining, rel=1e-9)
@@ -257,7 +255,7 @@ def test_equal_nodal_forces_are_shared_with_the_other_side():
         for face, stress in (("x+", 2.0), ("x-", -2.0))
     ]
     whole, part = (build(box("elements", faces, loads=pull)) for faces in ((), ("x-", "y-", "z-")))
-    share = rows(part, part.model.share)
+    share = rows(part, part.model.own_part)
     expected = rows(whole, whole.case.external)[matched(whole, part)] * share
     assert np.abs(expected - rows(part, part.case.external)).max() <= ROUND_OFF * np.abs(expected).max()
 
@@ -327,11 +325,11 @@ def test_a_quarter_of_the_plate_moves_as_the_whole_plate():
     fields = [body.fields(body.state.u) for body in bodies]
     size = np.abs(fields[0].u_points).max()
     for probe in (line, edge):
-        whole, part = (measure_line(b.discretization, f, probe) for b, f in zip(bodies, fields, strict=True))
+        whole, part = (measure_line(b.geometry, f, probe) for b, f in zip(bodies, fields, strict=True))
         assert (whole.kind == part.kind).all() and (part.kind != "").sum() > 15
         difference = np.nan_to_num(whole.displacement) - np.nan_to_num(part.displacement)
         assert np.abs(difference).max() <= 10 * SOLVED * size
-    on_plane = [displacement_at(b.discretization, f, top) for b, f in zip(bodies, fields, strict=True)]
+    on_plane = [displacement_at(b.geometry, f, top) for b, f in zip(bodies, fields, strict=True)]
     assert on_plane[1][0] == 0.0 and np.abs(on_plane[0] - on_plane[1]).max() <= 10 * SOLVED * size
 
 
@@ -346,7 +344,7 @@ def test_bar_probes_read_the_same_of_a_part(model, faces):
     for f in ((), faces):
         scene = box(model, f, loads=(PULL, PUSH))
         body = solve(scene)[0]
-        bars.append(measure_bar(scene, body.discretization, body.fields(body.state.u), probe, 1.0))
+        bars.append(measure_bar(scene, body.geometry, body.fields(body.state.u), probe, 1.0))
     whole, part = bars
     n = len(part.coordinate)
     size = np.abs(whole.displacement).max()
@@ -359,7 +357,7 @@ def test_bar_probes_read_the_same_of_a_part(model, faces):
 def test_bonds_of_the_parts_are_those_of_the_whole_body():
     """Every bond of the whole body is in one of its eight parts, those from a point to its image shared by two."""
     whole, part = (build(box("peridynamics", faces), loaded=False).model for faces in ((), ("x-", "y-", "z-")))
-    x = point_positions(discretize(box("peridynamics", ("x-", "y-", "z-"))))
+    x = geometry_of(box("peridynamics", ("x-", "y-", "z-"))).point_positions
     own = 0  # bonds between a point and its image, through one, two or three planes
     for sign in ((d, e, f) for d in (0, 2) for e in (0, 2) for f in (0, 2) if d or e or f):
         own += np.count_nonzero(np.linalg.norm(np.array(sign) * x, axis=1) <= 2.5)

@@ -8,7 +8,7 @@ import pytest
 
 from pdfem_mpi.deck.outputs import Output
 from pdfem_mpi.deck.regions import Region
-from pdfem_mpi.measure.fields import gather_damage, point_positions
+from pdfem_mpi.measure.fields import gather_damage
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.peridynamics.point_blocks import point_blocks
 from support.bodies import build
@@ -19,13 +19,13 @@ EQUILIBRIA = 1e-6  # relative: energies and loads of states relaxed to a residua
 
 def broken_bonds(body, failure):
     """Both ends of each broken bond, deck units, folded into the part between the mirror planes; sorted, rounded."""
-    x = point_positions(body.discretization)
-    sign, shift = body.discretization.reflections
-    units = body.discretization.units
+    x = body.geometry.point_positions
+    sign, shift = body.share.reflections
+    units = body.share.units
     sign, shift = np.concatenate([np.ones((1, 3)), sign]), np.concatenate([np.zeros((1, 3)), shift * units.length])
     ends = []
     for ids in failure.broken_pairs().T:
-        reflection, point = ids // len(x), ids % len(x)
+        point, reflection = body.geometry.rows_of_points(ids)
         ends.append(sign[reflection] * (x[point] - units.origin) + shift[reflection] + units.origin)
     folded = set()
     for a, b in zip(*ends, strict=True):
@@ -67,7 +67,7 @@ def test_images_fail_like_their_cells():
     )
     body = build(notched(("x-", "y-", "z-")).model_copy(update={"regions": cells}), loaded=False)
     images = body.model.points.images
-    classes = make_failure(body.scene, body.discretization, body.model).class_of.reshape(-1, 2)
+    classes = make_failure(body.scene, body.share, body.model).class_of.reshape(-1, 2)
     of_images = classes[len(classes) - len(images.source) :]
     assert (of_images == classes[images.source]).all() and len(np.unique(of_images)) == 2
 
@@ -75,7 +75,7 @@ def test_images_fail_like_their_cells():
 def test_blocks_of_points_lose_the_bonds_that_broke():
     """3x3 blocks of the preconditioner, renewed for broken bonds to images, against a new sum over what is left."""
     body = build(notched(("x-", "y-", "z-")))
-    failure, u = make_failure(body.scene, body.discretization, body.model), body.state.u
+    failure, u = make_failure(body.scene, body.share, body.model), body.state.u
     blocks = point_blocks(body.model.points, body.model.bonds)
     before = blocks.sums.copy()
     u[:] = body.of_positions(lambda x: 0.05 * np.sin(x + x[:, [1, 2, 0]]))
@@ -92,8 +92,8 @@ def test_local_damage_is_that_of_the_whole_body(faces):
     damage = {}
     for chosen in ((), faces):
         body = build(notched(chosen).model_copy(update={"output": Output(damage=True)}), loaded=False)
-        by_id = gather_damage(body.discretization, body.model)
-        places = np.round(point_positions(body.discretization), 6) + 0.0
+        by_id = gather_damage(body.share, body.model)
+        places = np.round(body.geometry.point_positions, 6) + 0.0
         damage[chosen] = dict(zip(map(tuple, places.tolist()), by_id.tolist(), strict=True))
     assert all(value == pytest.approx(damage[()][place], abs=1e-9) for place, value in damage[faces].items())
     assert max(damage[faces].values()) > 0.3
@@ -105,9 +105,9 @@ def test_broken_bonds_to_images_are_restored_from_the_books():
     body, failure, _ = pull(scene)
     pairs = failure.broken_pairs()
     assert len(np.unique(pairs, axis=0)) == failure.count
-    assert (pairs // (8 * body.discretization.n_point_cells)).any(), "no bond to an image broke"
+    assert (pairs // (8 * body.share.counts.cells)).any(), "no bond to an image broke"
     again = build(scene)
-    books = make_failure(scene, again.discretization, again.model)
+    books = make_failure(scene, again.share, again.model)
     books.restore(again.model.comm, again.model.points, again.model.bonds, pairs, failure.dissipated_digits)
     assert (books.count, books.dissipated) == (failure.count, failure.dissipated)
     again.forces.bounds.bond = body.forces.bounds.bond

@@ -17,7 +17,7 @@ GROWTH = 2  # evaluations more, at most, when the length doubles
 
 def evaluations(scene):
     body = build(scene)
-    solve = make_solver(scene, body.discretization, body.forces, body.case, lambda text: pytest.fail(text))
+    solve = make_solver(scene, body.share, body.forces, body.case, lambda text: pytest.fail(text))
     return solve(body.state, body.case.external, lambda progress: None).evaluations
 
 

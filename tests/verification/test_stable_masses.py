@@ -171,7 +171,7 @@ def test_a_rod_relaxes_to_the_answer_of_conjugate_gradients(correction):
     for solver in ("adr", "cg"):
         scene = make_scene((6, 1, 1), correction=correction, loads=PULL, supports=HELD, solver=solver, tolerance=1e-9)
         body, told = build(scene), []
-        make_solver(scene, body.discretization, body.forces, body.case, told.append)(body.state, body.case.external)
+        make_solver(scene, body.share, body.forces, body.case, told.append)(body.state, body.case.external)
         found.append(body.state.u)
         assert [text.startswith("relaxation: the masses") for text in told] == [True] * (solver == "adr")
     assert np.abs(found[0] - found[1]).max() <= 1e-6 * np.abs(found[1]).max()
@@ -182,7 +182,7 @@ def test_relaxation_that_takes_over_has_stable_masses_too():
     scene = make_scene((6, 1, 1), loads=PULL, supports=HELD, solver="cg", tolerance=1e-8)
     body = build(scene)
     assert body.model.raised_masses == 0  # nothing is spent on what may never be needed
-    solve = make_solver(scene, body.discretization, body.forces, body.case, lambda text: None)
+    solve = make_solver(scene, body.share, body.forces, body.case, lambda text: None)
     body.state.program["relaxing"] = 1
     assert solve(body.state, body.case.external).residual <= 1e-8
     assert body.forces.model.raised_masses == 48

@@ -16,7 +16,7 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.share import share_of
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import parse_deck
@@ -173,16 +173,16 @@ def _measure_finite(case: dict, comm, seconds: float) -> dict:
     comm.Barrier()
     start = perf_counter()
     with large_arrays_apart():
-        discretization = discretize(scene)
-        model = build_model(scene, discretization, comm)
-        load_case = make_load_case(scene, discretization, model)
+        share = share_of(scene, comm)
+        model = build_model(scene, share, comm)
+        load_case = make_load_case(scene, share, model)
         state = new_state(model)
-        forces, failure = Forces(model, state.bounds), make_failure(scene, discretization, model)
+        forces, failure = Forces(model, state.bounds), make_failure(scene, share, model)
         comm.Barrier()
         set_up = float(largest(comm, np.array([perf_counter() - start]))[0])
         u, nothing, force = _ready(forces, "bond")
         after, peak = (int(n) for n in sum_integers(comm, np.array([resident() - before, peak_resident() - before])))
-    bonds, points = total_bonds(comm, model.bonds), 8 * discretization.n_point_cells
+    bonds, points = total_bonds(comm, model.bonds), 8 * share.counts.point_cells
     halo, rows_here = model.points.halo, sum(len(rows.offset) - 1 for rows in model.bonds.rows)
     n_rows, owned, ghosts = sum_integers(comm, np.array([rows_here, halo.n_owned, halo.n_ghost])).tolist()
 
@@ -272,7 +272,7 @@ def _finite_sweeps(forces: Forces, failure: Failure) -> Iterator[Callable[[], ob
 
 def _measure_linear(case: dict, comm, seconds: float) -> dict:
     scene = make_scene(case, "peridynamics", "linear")
-    model = build_model(scene, discretize(scene), comm)
+    model = build_model(scene, share_of(scene, comm), comm)
     forces = Forces(model)
     u, nothing, force = _ready(forces, "bond")
     bonds = total_bonds(comm, model.bonds)
@@ -290,11 +290,11 @@ def _measure_linear(case: dict, comm, seconds: float) -> dict:
 def _measure_elements(case: dict, comm, seconds: float) -> tuple[dict, dict]:
     """Elements of one shape, and of many: the same box with its nodes moved."""
     scene = make_scene(case, "finite_elements")
-    regular = discretize(scene)
+    regular = share_of(scene, comm)
     shift = np.random.default_rng(1).uniform(-0.1, 0.1, regular.nodes.shape)
     found = []
-    for discretization in (regular, replace(regular, nodes=regular.nodes + shift)):
-        model = build_model(scene, discretization, comm)
+    for body in (regular, replace(regular, nodes=regular.nodes + shift)):
+        model = build_model(scene, body, comm)
         forces = Forces(model)
         u, nothing, force = _ready(forces, "element")
         quantum, _ = pattern_for(model.elements.bound * forces.bounds.element)
@@ -313,7 +313,7 @@ def _measure_elements(case: dict, comm, seconds: float) -> tuple[dict, dict]:
             forces.evaluate(u, nothing, force)
 
         alone, whole = best(comm, kernel, evaluate, seconds=seconds)
-        share = int(np.count_nonzero(discretization.has_stiffness)) / comm.size
+        share = body.counts.elements / comm.size
         found.append(
             {
                 "elements_per_second_per_core": share / alone.cpu,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.finite_elements.nodes import local_nodes
 from pdfem_mpi.kernels.multigrid import add_block_products, interpolate_to_points, restrict_points
 from pdfem_mpi.kernels.rounding import pattern_for
@@ -115,7 +115,7 @@ class Preconditioner:
         x, residual = np.zeros_like(right), np.empty_like(right)
         add_block_products(False, self.cycle_blocks, self.damping, right, x)
         self._residual(x, right, residual)
-        self.grid.add_correction(self.model.comm, residual, quantum, x)
+        self.grid.add_correction(residual, quantum, x)
         x[self.fixed] = 0.0
         self._residual(x, right, residual)
         add_block_products(False, self.cycle_blocks, self.damping, residual, x)
@@ -126,9 +126,7 @@ class Preconditioner:
         residual[self.fixed] = 0.0
 
 
-def make_preconditioner(
-    discretization: Discretization, model: Model, case: LoadCase, bounds: Bounds | None = None
-) -> Preconditioner:
+def make_preconditioner(share: Share, model: Model, case: LoadCase, bounds: Bounds | None = None) -> Preconditioner:
     """Set up all levels. Collective.
 
     Parameters
@@ -137,13 +135,13 @@ def make_preconditioner(
         Of the state, where the bounds of the cycle are kept.
     """
     bounds = Bounds() if bounds is None else bounds
-    intact = build_intact_elements(discretization, model)
-    local = local_nodes(discretization, intact.subdomain)
-    cells = discretization.mesh.cells
+    intact = build_intact_elements(share, model)
+    local = local_nodes(share, intact.subdomain)
+    cells = share.mesh.cells
     unknowns = model.unknowns
     of_points = values = None
     blocks, around, held = [], np.empty((0, 8), np.int32), np.zeros((len(intact.nodes.number), 3), np.int64)
-    limit, modulus = np.empty(0), discretization.youngs_modulus
+    limit, modulus = np.empty(0), share.youngs_modulus
     if model.points:
         of_points = point_blocks(model.points, model.bonds)
         values = of_points.values()
@@ -159,7 +157,7 @@ def make_preconditioner(
         fixed_nodes = unknowns.of_nodes(case.fixed)
         own = model.subdomain.owned_nodes
         of_nodes = node_blocks(model, values)
-        stiffest = _stiffest_around(discretization, discretization.has_nodes)[own]
+        stiffest = _stiffest_around(share, share.has_nodes)[own]
         blocks.append(inverted(of_nodes, fixed_nodes, softest(model.comm, of_nodes, stiffest)))
         own_nodes = local[own]
         held[own_nodes] += fixed_nodes
@@ -167,7 +165,7 @@ def make_preconditioner(
     fixed = held[: intact.nodes.n_owned] > 0
     fixed.reshape(-1)[intact.rollers] = True
     of_cycle = node_blocks(intact, None)
-    stiffest = _stiffest_around(discretization, np.ones(len(cells), bool))[intact.subdomain.owned_nodes]
+    stiffest = _stiffest_around(share, np.ones(len(cells), bool))[intact.subdomain.owned_nodes]
     spring = SPRING * float(largest(model.comm, np.array([of_cycle[:, :3].max(initial=0.0)]))[0])
     cycle_forces = Forces(intact, bounds.part("cycle"))
     cycle_blocks = inverted(of_cycle, fixed, softest(model.comm, of_cycle, stiffest))
@@ -183,13 +181,13 @@ def make_preconditioner(
         fixed=fixed.reshape(-1),
         cycle_blocks=cycle_blocks,
         damping=damping(cycle_forces, cycle_blocks, fixed.reshape(-1)),
-        grid=make_grid(intact, discretization, fixed, spring, case.free_motions),
+        grid=make_grid(intact, share, fixed, spring, case.free_motions),
     )
 
 
-def _stiffest_around(discretization: Discretization, chosen: np.ndarray) -> np.ndarray:
-    """Largest Young's modulus of the chosen cells at each node of the mesh; float64, shape (n_mesh_nodes,)."""
-    around = np.zeros(len(discretization.nodes))
-    for corner in discretization.mesh.cells[chosen].T:
-        np.maximum.at(around, corner, discretization.youngs_modulus[chosen])
+def _stiffest_around(share: Share, chosen: np.ndarray) -> np.ndarray:
+    """Largest Young's modulus of the chosen cells at each node of the share; float64, shape (n_nodes,)."""
+    around = np.zeros(len(share.nodes))
+    for corner in share.mesh.cells[chosen].T:
+        np.maximum.at(around, corner, share.youngs_modulus[chosen])
     return around

@@ -68,10 +68,10 @@ def test_numbers_of_cells_with_points_and_of_nodes(n_elements, n_points, n_nodes
     """Consecutive in the order of the mesh; nodes that only peridynamic cells touch have none."""
     found = discretize(make_scene(CELLS, n_elements))
     assert (8 * found.n_point_cells, found.n_nodes) == (n_points, n_nodes)
-    np.testing.assert_array_equal(found.point_cell_number[found.has_points], np.arange(n_points // 8))
-    np.testing.assert_array_equal(found.node_number[found.node_number >= 0], np.arange(n_nodes))
-    assert (found.point_cell_number[~found.has_points] == -1).all()
-    assert (found.node_number[found.mesh.cells[found.has_nodes]] >= 0).all()
+    np.testing.assert_array_equal(found.point_row[found.has_points], np.arange(n_points // 8))
+    np.testing.assert_array_equal(found.node_row[found.node_row >= 0], np.arange(n_nodes))
+    assert (found.point_row[~found.has_points] == -1).all()
+    assert (found.node_row[found.mesh.cells[found.has_nodes]] >= 0).all()
 
 
 def test_model_units():

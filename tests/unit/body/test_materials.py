@@ -21,7 +21,7 @@ from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE, critical_stre
 from pdfem_mpi.peridynamics.point_blocks import point_blocks
 from pdfem_mpi.solvers.preconditioner import blocks
 from pdfem_mpi.solvers.preconditioner import coarse_grid as grid
-from support.bodies import YOUNGS_MODULUS, build, fields_of_positions, make_scene
+from support.bodies import YOUNGS_MODULUS, build, fields_of_positions, geometry_of, local_share, make_scene
 
 FE, PD = "finite_elements", "peridynamics"
 CELLS = 6, 2, 2
@@ -116,10 +116,11 @@ def test_an_interface_may_fail_earlier():
 def test_critical_stretches_by_region():
     """Infinity where a material does not fail, and where a region may not."""
     scene = scene_of(2.0, other=Material(youngs_modulus=2000.0, critical_stretch=0.01))
-    body = discretize(scene)
-    np.testing.assert_array_equal(critical_stretches(scene, body), [[UNBREAKABLE, UNBREAKABLE], [UNBREAKABLE, 0.01]])
+    body = local_share(scene)
+    own = body.units.numbers(0.01)
+    np.testing.assert_array_equal(critical_stretches(scene, body), [[UNBREAKABLE, UNBREAKABLE], [UNBREAKABLE, own]])
     stiff = scene_of(0.5, other=Material(youngs_modulus=500.0, critical_stretch=0.01))
-    np.testing.assert_array_equal(critical_stretches(stiff, body), [[UNBREAKABLE, 0.01], [0.01, 0.01]])
+    np.testing.assert_array_equal(critical_stretches(stiff, body), [[UNBREAKABLE, own], [own, own]])
     held = tuple(r.model_copy(update={"may_fail": r.name != "second"}) for r in stiff.regions)
     assert (critical_stretches(stiff.model_copy(update={"regions": held}), body) == UNBREAKABLE).all()
 
@@ -129,7 +130,7 @@ def test_critical_stretches_by_region():
 
 def reference_forces(body, u):
     """Linear forces of all pairs of points within the cutoff, summed one by one (eqs 2, 9)."""
-    table, model = body.discretization.materials, body.model
+    table, model = body.share.materials, body.model
     x, volume = point_rows(model.points.x), model.points.volume
     material = np.repeat(model.points.material, 8)
     force = np.zeros_like(x)
@@ -137,7 +138,7 @@ def reference_forces(body, u):
     for i in range(len(x)):
         xi = x[i + 1 :] - x[i]
         r = np.sqrt((xi**2).sum(axis=1))
-        near = r <= body.discretization.cutoff
+        near = r <= body.share.cutoff
         c = 6.0 / np.pi * table.bond_modulus[material[i], material[i + 1 :]]  # 9 k / pi with k = 2 E / 3
         stretch = ((u[i + 1 :] - u[i]) * xi).sum(axis=1) / r**2
         size = np.where(near, c * np.exp(-(r**2)) * stretch * volume[i] * volume[i + 1 :] / r, 0.0)
@@ -196,7 +197,7 @@ def responses(body):
 def test_surface_correction_refers_each_point_to_its_own_material(contrast):
     """Appendix A: after twenty sweeps every point responds as inside of a body of its own material."""
     body = build(scene_of(contrast, cells=(4, 2, 2)), loaded=False)
-    own = np.repeat(body.discretization.materials.youngs_modulus[body.model.points.material], 8)
+    own = np.repeat(body.share.materials.youngs_modulus[body.model.points.material], 8)
     ratio = responses(body) / (INFINITE_RESPONSE * 2.0 / 3.0 * own[:, None])
     assert np.abs(ratio - 1.0).max() < 1.2 * body.model.correction_remaining + SINGLE
     assert body.model.correction_remaining < CORRECTED
@@ -239,7 +240,7 @@ def test_bounds_of_elements_hold_for_the_stiffest():
 def test_grid_stiffness_of_two_materials(contrast):
     """Two materials with two of Poisson's ratios: the energy of a stretch of the second half, however soft it is."""
     body = build(scene_of(contrast, FE, FE, cells=(8, 4, 4), nu=0.4, supports=(Support(face="x-", x=0.0),)))
-    intact = build_intact_elements(body.discretization, body.model)
+    intact = build_intact_elements(body.share, body.model)
     made = {}
 
     class Seen(Exception):
@@ -253,13 +254,13 @@ def test_grid_stiffness_of_two_materials(contrast):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(grid, "_stiffness", watch)
         with pytest.raises(Seen):
-            grid.make_grid(intact, body.discretization, fixed, 1.0, body.case.free_motions)
+            grid.make_grid(intact, body.share, fixed, 1.0, body.case.free_motions)
     np.testing.assert_array_equal(made["ratios"], [0.25, 0.4])
     volume = made["moments"][:2, :, 0].sum(axis=1)
     np.testing.assert_allclose(volume, [64.0, contrast * 64.0], rtol=1e-9)
     assert made["moments"][2, :, 0].sum() == pytest.approx(25.0)  # nodes held along x
     _, matrix = grid._stiffness(*made.values(), 0.0)
-    x = body.discretization.nodes.min(axis=0) + made["h"] * np.stack(
+    x = body.share.nodes.min(axis=0) + made["h"] * np.stack(
         np.unravel_index(np.arange(np.prod(made["counts"] + 1)), made["counts"] + 1), axis=1
     )
     # stretched in the second half only
@@ -275,7 +276,7 @@ def test_a_soft_material_is_not_held_still():
     body = build(scene_of(1e-5), loaded=False)
     n = body.model.unknowns.n_points
     values = point_blocks(body.model.points, body.model.bonds).values()
-    modulus = np.repeat(body.discretization.youngs_modulus[body.model.subdomain.free], 8)
+    modulus = np.repeat(body.share.youngs_modulus[body.model.subdomain.free], 8)
     limit = blocks.softest(body.model.comm, values, modulus)
     np.testing.assert_allclose(limit, modulus * limit.max(), rtol=1e-12)
     assert modulus.min() == 1e-5
@@ -336,7 +337,7 @@ def test_overlap_needs_one_poissons_ratio():
 def test_bar_of_two_materials(first):
     """Exact displacements are those of stress / E in each part; a run of layers ends where the modulus changes."""
     scene = scene_of(4.0, first, PD, cells=(40, 2, 2))
-    body = discretize(scene)
+    body = geometry_of(scene)
     strain = 2e-3
 
     def stretched(x):
@@ -365,7 +366,7 @@ def test_bar_of_two_materials_side_by_side():
         Region(name="second", model=PD, material="other", lower=(0.0, 1.0, 0.0)),
     )
     scene = scene_of(4.0, cells=(40, 2, 2), regions=regions)
-    body = discretize(scene)
+    body = geometry_of(scene)
     probe = BarProbe(kind="bar", axis="x", stress=2.5)
     bar = measure_bar(scene, body, fields_of_positions(body, lambda x: 1e-3 * x), probe, 1.0)
     np.testing.assert_allclose(bar.strain, 1e-3, rtol=1e-12)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.body import share as subdomain_module
+from pdfem_mpi.body import subdomain as subdomain_module
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.meshing import make_mesh
-from pdfem_mpi.body.share import cut_out, partition
+from pdfem_mpi.body.subdomain import partition
 from pdfem_mpi.deck.loads import Support, Traction
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.peridynamics import Crack
@@ -19,7 +19,7 @@ from pdfem_mpi.model.model import build_model
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs import memory_estimate as memory
 from pdfem_mpi.runs.prepare import check_scene
-from support.bodies import build, make_scene
+from support.bodies import build, local_share, make_scene
 from support.mesh_files import write_mesh
 
 SAMPLING = 0.1  # a sample of 128 cells stands for a thousand
@@ -92,10 +92,10 @@ def test_supports_that_move_nodes_out_of_a_plane_are_refused():
     scene = make_scene(
         (4, 2, 2), 4, symmetry=("y-",), supports=(Support(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 1.0), y=0.1),)
     )
-    discretization = discretize(scene)
-    model = build_model(scene, discretization, mpi().COMM_SELF)
+    share = local_share(scene)
+    model = build_model(scene, share, mpi().COMM_SELF)
     with pytest.raises(SceneError, match=r"supports.0.y = 0.1 moves 4 nodes out of a mirror plane"):
-        make_load_case(scene, discretization, model)
+        make_load_case(scene, share, model)
 
 
 def test_a_support_may_repeat_what_a_plane_says():
@@ -172,9 +172,9 @@ def test_a_set_on_a_mirror_plane_is_not_pulled(tmp_path):
 def test_memory_counts_images_of_the_own_cell():
     """Sixteen cells, all in the sample, of a slab thinner than the cutoff radius: a seventh of the bonds are such."""
     scene = make_scene((8, 2, 1), 0, symmetry=("z-", "z+"), loads=())
-    discretization = discretize(scene)
-    model = build_model(scene, discretization, mpi().COMM_SELF)
-    _, bonds = memory._count_bonds(discretization, np.arange(16))
+    share = local_share(scene)
+    model = build_model(scene, share, mpi().COMM_SELF)
+    _, bonds = memory._count_bonds(share, np.arange(16))
     assert bonds == pytest.approx(model.bonds.count, rel=EXACT_SAMPLE)
 
 
@@ -182,16 +182,13 @@ def test_memory_counts_images_of_the_own_cell():
 def test_memory_counts_images(faces):
     """Rows and bonds from the sample, images included; without them a thin body would be taken for a small one."""
     scene = make_scene((24, 10, 2), 0, symmetry=faces, loads=())
-    discretization = discretize(scene)
-    model = build_model(scene, discretization, mpi().COMM_SELF)
-    subdomain = cut_out(discretization, partition(discretization, 1), 0)
-    rows, bonds = memory._count_bonds(discretization, subdomain.free)
+    share = local_share(scene)
+    model = build_model(scene, share, mpi().COMM_SELF)
+    rows, bonds = memory._count_bonds(share, share.subdomain.free)
     assert bonds == pytest.approx(model.bonds.count, rel=SAMPLING)
     assert rows == pytest.approx(sum(len(r.offset) - 1 for r in model.bonds.rows), rel=SAMPLING)
     alone = make_scene((24, 10, 2), 0, loads=())
-    need = [
-        memory.estimate(s, d, cut_out(d, partition(d, 1), 0)).bytes for s in (scene, alone) for d in [discretize(s)]
-    ]
+    need = [memory.estimate(s, local_share(s)).bytes for s in (scene, alone)]
     assert need[0] > 1.05 * need[1]
 
 

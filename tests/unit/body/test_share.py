@@ -1,110 +1,77 @@
-"""A rank's share: every cell and node has one owner, and every bond partner is seen."""
+"""A rank's share of the body: all of it on one rank, and on several what each of them has to know."""
 
 import numpy as np
 import pytest
-from scipy.spatial.distance import cdist
 
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.body.share import cut_out, partition
-from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.kernels.hex8 import gauss_positions
-from support.bodies import make_scene
+from pdfem_mpi.deck.loads import BodyForce, Support, Traction
+from pdfem_mpi.mesh.generators import box
+from pdfem_mpi.mesh.part import take_part
+from pdfem_mpi.runs.tables import renumber
+from support.bodies import local_share, make_scene
 
-BODIES = {
-    "peridynamics": make_scene((7, 3, 2)),
-    "elements": make_scene((7, 3, 2), 7),
-    "coupled": make_scene((9, 3, 2), 4),
-    "coupled, reading A, overlap 2": make_scene((9, 3, 2), 5, coupling="paper_a", overlap=2),
-}
+COUPLED = make_scene((9, 3, 2), 4)
 
 
-def random_owners(n_cells, n_parts):
-    return np.random.default_rng(n_parts).integers(0, n_parts, n_cells).astype(np.int32)
+def test_one_rank_has_the_whole_body_without_a_copy():
+    """Numbers of its cells and nodes are those of the mesh; rows of files count those in use."""
+    whole, share = discretize(COUPLED), local_share(COUPLED)
+    np.testing.assert_array_equal(share.mesh.cell_id, np.arange(9 * 3 * 2))
+    np.testing.assert_array_equal(share.mesh.cells, whole.mesh.cells)
+    assert share.is_owned.all()
+    np.testing.assert_array_equal(share.point_row[share.has_points], np.arange(share.counts.point_cells))
+    np.testing.assert_array_equal(np.flatnonzero(share.node_row >= 0), np.flatnonzero(whole.carries))
+    points = np.flatnonzero(share.has_points & ~share.is_overlap)
+    np.testing.assert_array_equal(share.free_row[points], np.arange(len(points)))
+    assert share.counts.cells == 54 and share.counts.overlap_cells == whole.is_overlap.sum() == 6
 
 
-@pytest.fixture(params=[1, 2, 3, 5], ids="{}_parts".format)
-def n_parts(request):
-    return request.param
+def test_a_part_of_a_mesh_knows_the_whole_ones_measures():
+    """Its cells have the same corners; its box, tolerance and edges are not its own."""
+    mesh = box((0.0, 0.0, 0.0), (8.0, 2.0, 2.0), (4, 2, 1))
+    chosen = np.zeros(len(mesh.cells), bool)
+    chosen[[1, 5]] = True
+    part = take_part(mesh, chosen)
+    np.testing.assert_array_equal(part.nodes[part.cells], mesh.nodes[mesh.cells[[1, 5]]])
+    np.testing.assert_array_equal(part.node_id[part.cells], mesh.cells[[1, 5]])
+    assert (part.upper == [8.0, 2.0, 2.0]).all() and part.tolerance == mesh.tolerance
+    assert (part.smallest_edge, part.largest_edge, part.mean_edge) == (1.0, 2.0, 1.5)
+    np.testing.assert_array_equal(part.places_of_cells(np.array([5, 1])), [1, 0])
 
 
-@pytest.fixture(params=BODIES)
-def body(request):
-    return discretize(BODIES[request.param])
+def test_selections_of_a_part_are_those_of_the_whole_that_lie_in_it():
+    """Counts that messages speak of stay those of the whole body."""
+    scene = make_scene(
+        (4, 2, 2), 4, loads=(Traction(kind="traction", face="x+", total=(1.0, 0.0, 0.0)),
+                             BodyForce(kind="body_force", region="elements", density=(1.0, 0.0, 0.0))),
+        supports=(Support(face="x-", x=0.0),),
+    )  # fmt: skip
+    whole = local_share(scene).selections
+    mesh = box((0.0, 0.0, 0.0), (4.0, 2.0, 2.0), (4, 2, 2))
+    right = mesh.centroids[:, 0] > 2.0
+    part = take_part(mesh, right)
+    found = whole.part(part)
+    assert len(found.loads[0].cells) == 4 and found.loads[0].total == 4
+    np.testing.assert_array_equal(part.cell_id[found.loads[1].cells], np.flatnonzero(right))
+    np.testing.assert_array_equal(part.node_id[found.loads[0].nodes], whole.loads[0].nodes)
+    assert len(whole.supports[0].nodes) == 9 and not len(found.supports[0].nodes)
 
 
-@pytest.fixture(params=["bisection", "random"])
-def owner(request, body, n_parts):
-    """Owners as a run has them, and owners that no bisection would give."""
-    return partition(body, n_parts) if request.param == "bisection" else random_owners(len(body.region), n_parts)
+def test_ids_of_earlier_checkpoints_are_read():
+    """They counted cells with points: the first such cell is number 3 x 2 x 3 of the mesh here. Images count on."""
+    share = local_share(COUPLED)
+    first, n_old, n_new = np.flatnonzero(share.has_points)[0], share.counts.point_cells, share.counts.cells
+    assert first > 0
+    old = np.array([[5, 8 * n_old + 2], [8 * (n_old - 1), 8 * (3 * n_old + 1) + 7]])
+    expected = [[8 * first + 5, 8 * (first + n_new) + 2]]
+    np.testing.assert_array_equal(renumber(old, share)[:1], expected)
+    second = np.flatnonzero(share.has_points)[1]
+    assert renumber(old, share)[1, 1] == 8 * (second + 3 * n_new) + 7
 
 
-def test_every_cell_and_node_has_one_owner(body, owner, n_parts):
-    shares = [cut_out(body, owner, rank) for rank in range(n_parts)]
-    for chosen, names in (
-        (body.has_points & ~body.is_overlap, ["free"]),
-        (body.is_overlap, ["overlap"]),
-        (body.has_stiffness, ["elements"]),
-    ):
-        cells = np.concatenate([getattr(share, name) for share in shares for name in names])
-        np.testing.assert_array_equal(np.sort(cells), np.flatnonzero(chosen))
-    nodes = np.concatenate([share.owned_nodes for share in shares])
-    np.testing.assert_array_equal(np.sort(nodes), np.flatnonzero(body.node_number >= 0))
-
-
-def test_a_rank_sees_all_nodes_of_its_elements_and_their_owners(body, owner, n_parts):
-    shares = [cut_out(body, owner, rank) for rank in range(n_parts)]
-    owner_of_node = {node: rank for rank, share in enumerate(shares) for node in share.owned_nodes.tolist()}
-    for rank, share in enumerate(shares):
-        cells = np.flatnonzero((owner == rank) & body.has_nodes)
-        seen = np.concatenate([share.owned_nodes, share.ghost_nodes])
-        assert len(np.unique(seen)) == len(seen)
-        assert set(body.mesh.cells[cells].ravel().tolist()) == set(seen.tolist())
-        assert [owner_of_node[node] for node in share.ghost_nodes.tolist()] == share.ghost_node_owner.tolist()
-
-
-def test_a_rank_sees_every_point_within_the_cutoff_radius(body, owner, n_parts):
-    """Ghosts are cells with points of other ranks, each once; none that has a bond to an owned point is missing."""
-    points = gauss_positions(body.nodes[body.mesh.cells])
-    for rank in range(n_parts):
-        share = cut_out(body, owner, rank)
-        owned = np.concatenate([share.free, share.overlap]).astype(int)
-        assert (share.ghost_owner == owner[share.ghosts]).all()
-        assert (share.ghost_owner != rank).all()
-        assert body.has_points[share.ghosts].all()
-        assert len(np.unique(share.ghosts)) == len(share.ghosts)
-        others = np.flatnonzero(body.has_points & (owner != rank))
-        if not len(owned):
-            assert not len(share.ghosts)
-            continue
-        reached = [cell for cell in others if (cdist(points[cell], points[owned].reshape(-1, 3)) <= body.cutoff).any()]
-        assert set(reached) <= set(share.ghosts.tolist())
-
-
-def test_ghosts_end_a_little_beyond_the_cutoff_radius():
-    """Cells of a long bar that are farther away than the cutoff radius and two cells are nobody's ghosts."""
-    body = discretize(make_scene((40, 2, 2)))
-    owner = partition(body, 2)
-    for rank in range(2):
-        ghosts = cut_out(body, owner, rank).ghosts
-        assert len(ghosts) <= 4 * 4  # four layers of 2 x 2 cells
-
-
-def test_cells_are_shared_by_their_cost():
-    """A peridynamic half costs far more than an element half: two ranks divide the former between them."""
-    body = discretize(make_scene((20, 3, 3), 10))
-    owner = partition(body, 2)
-    free = body.has_points & ~body.is_overlap
-    share = np.count_nonzero(owner[free] == 0) / np.count_nonzero(free)
-    assert 0.3 < share < 0.7
-
-
-def test_one_part_owns_all():
-    body = discretize(make_scene((3, 1, 1)))
-    assert not partition(body, 1).any()
-
-
-def test_more_parts_than_cells_are_refused_with_the_number_that_fits():
-    body = discretize(make_scene((3, 1, 1)))
-    assert sorted(partition(body, 3)) == [0, 1, 2]
-    with pytest.raises(SceneError, match=r"4 ranks cannot share 3 cells\. Use at most 3 ranks"):
-        partition(body, 4)
+@pytest.mark.parametrize("elements", [0, 4, 9])
+def test_elements_everywhere_are_the_intact_body(elements):
+    """Every cell is an element, and every node of the mesh carries unknowns."""
+    intact = local_share(make_scene((9, 3, 2), elements)).with_elements_everywhere()
+    assert len(intact.subdomain.elements) == 54 and len(intact.subdomain.owned_nodes) == 10 * 4 * 3
+    assert not intact.has_points.any() and not len(intact.subdomain.free)

@@ -1,7 +1,9 @@
 """Reading and writing decks: every kind of bad input gives its sentence, all of them at once."""
 
+import copy
 import math
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -142,6 +144,18 @@ def test_overrides_take_toml_values_and_bare_words():
     parsed = parse_overrides(["a.b=0.1", "a=[1, 2]", "kind=adr", 'name="x y"', "on=true", "a.c = x = y"])
     assert [override.value for override in parsed] == [0.1, [1, 2], "adr", "x y", True, "x = y"]
     assert parsed[0].path == ("a", "b")
+
+
+def test_tables_from_python_are_a_deck():
+    """As TOML would give them, tuples too; problems name the key, and the tables stay as they were."""
+    tables = tomllib.loads(SOUND)
+    tables["mesh"]["upper"] = tuple(tables["mesh"]["upper"])
+    before = copy.deepcopy(tables)
+    assert read_deck(tables) == parse_deck(SOUND, "deck.toml")
+    assert read_deck(tables, {"mesh.upper.0": 2.0}).mesh.upper[0] == 2.0
+    with pytest.raises(DeckError, match=r"deck: mesh\.spacing"):
+        read_deck(tables | {"mesh": tables["mesh"] | {"spacing": "wide"}})
+    assert tables == before
 
 
 def test_list_items_are_found_by_index_and_by_name():

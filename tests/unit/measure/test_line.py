@@ -5,13 +5,12 @@ import csv
 import numpy as np
 import pytest
 
-from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.meshes import PlateWithHoleMesh
 from pdfem_mpi.deck.outputs import LineProbe
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.line import measure_line
 from pdfem_mpi.results.lines import COLUMNS, write_line
-from support.bodies import fields_of_positions, make_scene
+from support.bodies import fields_of_positions, geometry_of, make_scene
 
 ROUND_OFF = 1e-13  # of Newton's method and of eight products, as in test_probes
 CELLS = 6, 2, 2
@@ -28,7 +27,7 @@ def line(start, stop, n):
 
 @pytest.fixture(scope="module")
 def coupled():
-    return discretize(make_scene(CELLS, 3, loads=()))
+    return geometry_of(make_scene(CELLS, 3, loads=()))
 
 
 @pytest.mark.parametrize(
@@ -45,7 +44,7 @@ def test_linear_field_along_a_line_is_exact(coupled, start, stop):
 
 def test_coordinates_across_the_line_are_the_decks():
     """No round-off in what does not change: y = -0.1 stays -0.1."""
-    body = discretize(make_scene(CELLS, 6, loads=()))
+    body = geometry_of(make_scene(CELLS, 6, loads=()))
     found = measure_line(body, fields_of_positions(body, linear), line((0.0, 0.1, 0.7), (6.0, 0.1, 0.7), 7))
     assert (found.position[:, 1:] == [0.1, 0.7]).all()
 
@@ -60,7 +59,7 @@ def test_models_are_told_apart(coupled):
 
 def test_where_peridynamic_cells_meet_their_mean_is_taken():
     """Points of a cell moved by a number of their own: 1 on one side of the face, 3 on the other, 2 on it."""
-    body = discretize(make_scene((2, 1, 1), 0, loads=()))
+    body = geometry_of(make_scene((2, 1, 1), 0, loads=()))
     fields = fields_of_positions(body, lambda x: np.where(x[:, :1] < 1.0, 1.0, 3.0) * np.ones(3))
     assert displacement_at(body, fields, (0.7, 0.5, 0.5)) == pytest.approx(1.0, abs=ROUND_OFF)
     assert displacement_at(body, fields, (1.0, 0.5, 0.5)) == pytest.approx(2.0, abs=ROUND_OFF)
@@ -72,7 +71,7 @@ def test_samples_outside_of_the_body_are_empty():
     plate = PlateWithHoleMesh(
         kind="plate_with_hole", lower=(0.0, 0.0, 0.0), upper=(8.0, 8.0, 1.0), hole_radius=2.0, spacing=1.0
     )
-    body = discretize(scene.model_copy(update={"mesh": plate, "regions": scene.regions}))
+    body = geometry_of(scene.model_copy(update={"mesh": plate, "regions": scene.regions}))
     found = measure_line(body, fields_of_positions(body, linear), line((-1.0, 4.0, 0.5), (9.0, 4.0, 0.5), 21))
     x = found.position[:, 0]
     inside = (x >= 0.0) & (x <= 8.0) & (np.abs(x - 4.0) >= 2.0 - 1e-9)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.outputs import BarProbe, LineProbe
 from pdfem_mpi.deck.regions import Region
@@ -11,7 +10,7 @@ from pdfem_mpi.measure.bar import bar_results, measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.measure.line import measure_line
-from support.bodies import fields_of_positions, make_scene
+from support.bodies import fields_of_positions, geometry_of, make_scene
 
 ROUND_OFF = 1e-13  # of Newton's method, which ends at steps of 1e-13, and of eight products
 FIT = 1e-10  # relative, of straight lines through some hundred points
@@ -38,7 +37,7 @@ def linear(x):
 
 @pytest.fixture(scope="module", params=[0, 6, 12], ids=["peridynamics", "coupled", "elements"])
 def body(request):
-    return discretize(make_scene(CELLS, request.param, loads=()))
+    return geometry_of(make_scene(CELLS, request.param, loads=()))
 
 
 @pytest.mark.parametrize("where", POINTS)
@@ -82,7 +81,7 @@ LENGTH, STRAIN = 40, FACTOR * STRESS / 1000.0
 def measured(n_elements, displacement, cells=(LENGTH, 2, 2), probe=PROBE, regions=None):
     """Results of a bar whose nodes and points move by a function of positions."""
     scene = make_scene(cells, n_elements, loads=(), regions=regions)
-    body = discretize(scene)
+    body = geometry_of(scene)
     bar = measure_bar(scene, body, fields_of_positions(body, displacement), probe, FACTOR)
     return bar, bar_results(scene, body, bar, probe, FACTOR)
 
@@ -170,10 +169,10 @@ def test_peridynamic_middle_between_elements_has_one_line_each():
 def test_fields_of_the_overlap_are_not_taken_for_peridynamics():
     """Layers of the overlap are measured at their nodes; their points may hold anything."""
     scene = make_scene(CELLS, 6, loads=())
-    body = discretize(scene)
+    body = geometry_of(scene)
     fields = fields_of_positions(body, tension())
     u_points = fields.u_points.reshape(-1, 8, 3).copy()
-    u_points[body.point_cell_number[body.is_overlap]] = np.nan
+    u_points[body.point_row[body.is_overlap]] = np.nan
     bar = measure_bar(scene, body, Fields(u_points.reshape(-1, 3), fields.u_nodes), PROBE, FACTOR)
     assert np.isfinite(bar.displacement).all()
     assert np.isfinite(displacement_at(body, Fields(u_points.reshape(-1, 3), fields.u_nodes), (5.5, 1.0, 1.0))).all()
@@ -193,7 +192,7 @@ def test_joints_of_fitted_bodies_are_peridynamics(n_elements):
         (LENGTH, 2, 4), loads=(), regions=regions, materials={"soft": Material(youngs_modulus=500.0)},
         correction="fitted", coupling="exact",
     )  # fmt: skip
-    body = discretize(scene)
+    body = geometry_of(scene)
     assert (body.is_overlap & body.is_peridynamic).any()
     fields = fields_of_positions(body, tension())
     bar = measure_bar(scene, body, fields, PROBE, FACTOR)

@@ -59,9 +59,9 @@ def solve(path, loads, supports=()):
     mesh = FileMesh(path=str(path))
     scene = make_scene(CELLS, regions=(BODY,), loads=loads, supports=supports, solver="cg", tolerance=1e-10, mesh=mesh)
     body = build(scene)
-    solver = make_solver(scene, body.discretization, body.forces, body.case, Silence().line)
+    solver = make_solver(scene, body.share, body.forces, body.case, Silence().line)
     assert len(list(follow_load_program(scene, solver, None, body.state, body.case))) == 1
-    return body.discretization, body.fields(body.state.u)
+    return body.geometry, body.fields(body.state.u)
 
 
 def assert_pulled(path, **end):
@@ -70,20 +70,18 @@ def assert_pulled(path, **end):
         Traction(kind="traction", total=(4.0, 0.0, 0.0), **(end or {"face": "x+"})),
         Traction(kind="traction", total=(-4.0, 0.0, 0.0), face="x-"),
     )
-    discretization, fields = solve(path, loads)
-    assert len(discretization.mesh.cells) == 40
-    x, u = discretization.mesh.nodes[:, 0], fields.u_nodes[:, 0]
+    geometry, fields = solve(path, loads)
+    assert len(geometry.mesh.cells) == 40
+    x, u = geometry.mesh.nodes[:, 0], fields.u_nodes[:, 0]
     np.testing.assert_allclose(u - u[0], STRAIN * (x - x[0]), rtol=0, atol=ROUND_OFF * STRAIN * 10.0)
 
 
 def assert_propped(path, clamp="clamp", tip="tip"):
     """The sag of the bar with its prop, and none at the prop."""
     supports = Support(set=clamp, x=0.0, y=0.0, z=0.0), Support(set=tip, z=0.0)
-    discretization, fields = solve(
-        path, (BodyForce(kind="body_force", region="body", density=(0.0, 0.0, -0.01)),), supports
-    )
-    assert displacement_at(discretization, fields, (5.0, 1.0, 1.0))[2] == pytest.approx(SAG, rel=SAG_DIGITS)
-    assert displacement_at(discretization, fields, (10.0, 1.0, 0.0))[2] == 0.0
+    geometry, fields = solve(path, (BodyForce(kind="body_force", region="body", density=(0.0, 0.0, -0.01)),), supports)
+    assert displacement_at(geometry, fields, (5.0, 1.0, 1.0))[2] == pytest.approx(SAG, rel=SAG_DIGITS)
+    assert displacement_at(geometry, fields, (10.0, 1.0, 0.0))[2] == 0.0
 
 
 def with_sets(bar, clamp, tip):

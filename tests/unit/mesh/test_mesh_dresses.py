@@ -34,10 +34,10 @@ def answer(path, names):
         mesh=FileMesh(path=str(path)),
     )
     body = build(scene)
-    solver = make_solver(scene, body.discretization, body.forces, body.case, Silence().line)
+    solver = make_solver(scene, body.share, body.forces, body.case, Silence().line)
     assert len(list(follow_load_program(scene, solver, None, body.state, body.case))) == 1
     fields = body.fields(body.state.u)
-    return body.discretization.mesh.nodes, fields.u_nodes, fields_sha256(fields)
+    return body.share.mesh.nodes, fields.u_nodes, fields_sha256(fields)
 
 
 @pytest.fixture(scope="module")

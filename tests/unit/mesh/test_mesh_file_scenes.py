@@ -9,7 +9,7 @@ from pdfem_mpi.deck.loads import BodyForce, Support, Traction
 from pdfem_mpi.deck.meshes import BoxMesh, FileMesh, PlateWithHoleMesh
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.measure.fields import fields_sha256, point_positions
+from pdfem_mpi.measure.fields import fields_sha256
 from pdfem_mpi.mesh.generators import box, plate_with_hole
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.stepping import follow_load_program, make_solver
@@ -27,7 +27,7 @@ RENUMBERED = 1e-12
 def solve(scene):
     """Body and fields of a scene at load factor 1."""
     body = build(scene)
-    solver = make_solver(scene, body.discretization, body.forces, body.case, Silence().line)
+    solver = make_solver(scene, body.share, body.forces, body.case, Silence().line)
     steps = follow_load_program(scene, solver, None, body.state, body.case)
     assert len(list(steps)) == 1
     return body, body.fields(body.state.u)
@@ -112,10 +112,10 @@ def test_another_numbering_gives_the_same_answer(tmp_path, bar, seed):
     second, found = solve(coupled(FileMesh(path=str(tmp_path / "bar.inp"), spacing=1.0), True, 1e-12))
     largest = np.abs(expected.u_nodes).max(), np.abs(expected.u_points).max()
     for body, fields in ((first, expected), (second, found)):
-        x = body.discretization.mesh.nodes[body.discretization.node_number >= 0]
+        x = body.share.mesh.nodes[body.share.node_row >= 0]
         order = np.lexsort(x.T)
         fields.u_nodes[:] = fields.u_nodes[order]
-        order = np.lexsort(np.round(point_positions(body.discretization), 6).T)
+        order = np.lexsort(np.round(body.geometry.point_positions, 6).T)
         fields.u_points[:] = fields.u_points[order]
     np.testing.assert_allclose(found.u_nodes, expected.u_nodes, rtol=0, atol=RENUMBERED * largest[0])
     np.testing.assert_allclose(found.u_points, expected.u_points, rtol=0, atol=RENUMBERED * largest[1])

@@ -52,12 +52,12 @@ def expected_forces(body, u, kinematics):
 
     Lame's moduli of E = 1 and nu = 1/4 are both 0.4.
     """
-    model, discretization = body.model, body.discretization
+    model, share = body.model, body.share
     n = 3 * model.unknowns.n_points
-    mesh, nodes = discretization.mesh, discretization.nodes
+    mesh, nodes = share.mesh, share.nodes
     on_nodes, u_nodes = np.zeros_like(nodes), np.zeros_like(nodes)
-    u_nodes[discretization.node_number >= 0] = u[n:].reshape(-1, 3)
-    for cell in np.flatnonzero(discretization.has_stiffness):
+    u_nodes[share.node_row >= 0] = u[n:].reshape(-1, 3)
+    for cell in np.flatnonzero(share.has_stiffness):
         corners = mesh.cells[cell]
         stiffness = element_stiffness(nodes[corners][None], np.ones(1), 0.25)[0]
         force = (stiffness @ u_nodes[corners].ravel()).reshape(8, 3)
@@ -66,21 +66,21 @@ def expected_forces(body, u, kinematics):
         on_nodes[corners] -= force
     on_points = np.empty(0)
     if model.points:
-        share = model.subdomain
-        cells = np.concatenate([share.free, share.overlap]).astype(int)
+        of_rank = share.subdomain
+        cells = np.concatenate([of_rank.free, of_rank.overlap]).astype(int)
         x = gauss_positions(nodes[mesh.cells[cells]])
         moved = np.concatenate(
             [
                 point_rows(u[:n]).reshape(-1, 8, 3),
-                np.einsum("pa,nad->npd", SHAPE_AT_GAUSS, u_nodes[mesh.cells[share.overlap]]),
+                np.einsum("pa,nad->npd", SHAPE_AT_GAUSS, u_nodes[mesh.cells[of_rank.overlap]]),
             ]
         )
         force = bond_forces(x.reshape(-1, 3), model.points.volume, moved.reshape(-1, 3), kinematics)
         force = force.reshape(-1, 8, 3)
-        on_points = cluster_layout(force[: len(share.free)])
-        for cell, of_points in zip(share.overlap, force[len(share.free) :], strict=True):
+        on_points = cluster_layout(force[: len(of_rank.free)])
+        for cell, of_points in zip(of_rank.overlap, force[len(of_rank.free) :], strict=True):
             on_nodes[mesh.cells[cell]] += SHAPE_AT_GAUSS.T @ of_points
-    return np.concatenate([on_points, on_nodes[discretization.node_number >= 0].reshape(-1)])
+    return np.concatenate([on_points, on_nodes[share.node_row >= 0].reshape(-1)])
 
 
 @pytest.mark.parametrize("kinematics", ["linear", "finite"])

@@ -29,7 +29,7 @@ def scene(solver="adr", kinematics="linear"):
 
 
 def solve(body, watch=lambda progress: None):
-    solver = make_solver(body.scene, body.discretization, body.forces, body.case, Silence().line)
+    solver = make_solver(body.scene, body.share, body.forces, body.case, Silence().line)
     return solver(body.state, body.case.external, watch)
 
 
@@ -47,7 +47,7 @@ def at_node(body, i):
 
 
 def words(body, kind, number, x):
-    units = body.discretization.units
+    units = body.share.units
     place = x * units.length + units.origin
     return f"{kind} {number} at ({', '.join(f'{c:.6g}' for c in place)}) is not finite"
 
@@ -99,8 +99,8 @@ def test_a_run_ends_with_74_and_the_place_in_its_summary(tmp_path):
     """No frame and no row is written of a body that is not finite."""
     from pdfem_mpi.runs import simulation as composition
 
-    def spoilt(scene, discretization, model):
-        case = make_load_case(scene, discretization, model)
+    def spoilt(scene, share, model):
+        case = make_load_case(scene, share, model)
         case.external[at_node(body, 4)[0]] = math.nan
         return case
 

@@ -70,7 +70,7 @@ def pushed(x, y, z):
 
 
 def equilibrium(body):
-    solve = make_solver(body.scene, body.discretization, body.forces, body.case, lambda text: None)
+    solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
     body.state.u[body.case.fixed] = body.case.prescribed[body.case.fixed]
     return solve(body.state, body.case.external)
 

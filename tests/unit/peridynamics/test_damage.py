@@ -42,7 +42,7 @@ def test_points_file_has_the_damage_beside_displacements(tmp_path):
     scene = make_scene((6, 3, 3), 0, solver="cg", cracks=(Crack(polygon=corners),), output=Output(damage=True))
     assert run(scene, mpi().COMM_SELF, tmp_path, "", True, Silence()) == 0
     body = build(scene)
-    expected = gather_damage(body.discretization, body.model)
+    expected = gather_damage(body.share, body.model)
     with h5py.File(tmp_path / "points.vtkhdf") as file:
         fields = file["VTKHDF/PointData"]
         assert len(fields["displacement"]) == len(expected)
@@ -62,14 +62,14 @@ def test_weights_from_row_to_row_are_those_of_all_bonds_left(scene):
     """Bonds that break are taken off, those between a point and its own mirror images too: the same bits."""
     breaking = Material(youngs_modulus=scene.material.youngs_modulus, critical_stretch=0.01)
     body = build(scene.model_copy(update={"material": breaking, "output": Output(damage=True)}), loaded=False)
-    failure = make_failure(body.scene, body.discretization, body.model)
+    failure = make_failure(body.scene, body.share, body.model)
     remaining, means = Remaining(), []
     for size in (0.0, 0.01, 0.03, 0.03):
         u = body.of_positions(lambda x, size=size: size * np.sin(x + 2.0 * x[:, [1, 2, 0]]))
         body.forces.evaluate_surely(u, np.zeros_like(u), np.empty_like(u), failure)
         failure.close(body.model.comm)
-        expected = gather_damage(body.discretization, body.model)
-        found = gather_damage(body.discretization, body.model, remaining, failure)
+        expected = gather_damage(body.share, body.model)
+        found = gather_damage(body.share, body.model, remaining, failure)
         assert (found == expected).all()
         means.append(found.mean())
     assert means[0] < means[1] < means[2] == means[3] < 1.0 and failure.count > 100
@@ -78,7 +78,7 @@ def test_weights_from_row_to_row_are_those_of_all_bonds_left(scene):
 def test_nothing_is_computed_that_was_not_asked_for():
     body = build(make_scene((3, 2, 2)))
     assert body.model.intact_weights is None
-    assert gather_damage(body.discretization, body.model) is None
+    assert gather_damage(body.share, body.model) is None
 
 
 @pytest.mark.parametrize(

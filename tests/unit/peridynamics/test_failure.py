@@ -7,21 +7,19 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.peridynamics import Coupling, Peridynamics
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.table import DeckError
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.kernels.exact_sums import BITS
-from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import breaking
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE, critical_stretches, point_classes
 from pdfem_mpi.peridynamics.point_blocks import point_blocks
 from pdfem_mpi.runs.failure_notes import describe_criterion
 from pdfem_mpi.solvers.preconditioner.blocks import inverted
-from support.bodies import build, make_scene
+from support.bodies import build, local_share, make_scene
 from support.failing import EDGE, STRETCH, failing, followed, of_bonds, strip
 
 QUADRATURE = 1e-6  # relative: the cutoff's guard is 1e-9, the cone integral is exact to 1e-8
@@ -51,19 +49,20 @@ def test_fracture_energy_of_a_deck_gives_the_same_bonds():
     energy = 0.971457 * whole  # derived, r_c = 2.5 l
     by_energy = scene.model_copy(update={"material": Material(youngs_modulus=1000.0, fracture_energy=energy)})
     body = build(by_energy)
-    assert critical_stretches(by_energy, body.discretization).min() == pytest.approx(STRETCH, rel=1e-6)
+    assert critical_stretches(by_energy, body.share).min() == pytest.approx(STRETCH, rel=1e-6)
 
 
 def test_regions_that_may_not_fail():
     """Bonds with an end in such a region do not break, nor those within the overlap; classes are those of the cells."""
     run = failing(strip(elements=2))
     expected = np.full((5, 5), UNBREAKABLE)
-    expected[1, [1, 3, 4]] = expected[[3, 4], 1] = STRETCH  # the middle, and from there into the elements' overlap
+    limit = run.body.share.units.numbers(STRETCH)
+    expected[1, [1, 3, 4]] = expected[[3, 4], 1] = limit  # the middle, and from there into the elements' overlap
     assert (run.failure.stretch == expected).all()
     model = run.body.model
     names = [run.body.scene.regions[k].name for k in run.failure.class_of[::2]]
     centres = model.points.x.reshape(-1, 2, 3, 4)[:, :, 0].mean(axis=(1, 2))
-    length = run.body.discretization.units.length
+    length = run.body.share.units.length
     for name, x in zip(names, centres * length, strict=True):
         place = np.searchsorted([-2.0, -1.0, 1.0, 2.0], x)
         assert name == ("first", "left", "middle", "right", "last")[place]
@@ -94,8 +93,8 @@ def test_bonds_within_the_overlap_break_where_the_deck_says_so_alone(coupling):
         assert first[True] < 0.8 * first[None]
     run = followed(long_bonds(coupling=coupling), 4)
     assert run.failure.count >= 10
-    cells = np.flatnonzero(run.body.discretization.has_points)[run.failure.broken_pairs() // 8]
-    follows = run.body.discretization.is_overlap[cells]
+    cells = run.failure.broken_pairs() // 8
+    follows = run.body.share.is_overlap[cells]
     assert not follows.all(axis=1).any()
 
 
@@ -106,8 +105,8 @@ def test_bonds_into_the_overlap_break():
     body.state.u[:] = body.of_positions(lambda x: 0.01 * x)
     body.forces.evaluate_surely(body.state.u, np.zeros_like(body.state.u), np.empty_like(body.state.u), run.failure)
     assert run.failure.close(body.model.comm) > 1000
-    cells = np.flatnonzero(body.discretization.has_points)[run.failure.broken_pairs() // 8]
-    follows = body.discretization.is_overlap[cells].sum(axis=1)
+    cells = run.failure.broken_pairs() // 8
+    follows = body.share.is_overlap[cells].sum(axis=1)
     assert (np.bincount(follows, minlength=3) > 0).tolist() == [True, True, False]
 
 
@@ -123,22 +122,23 @@ def test_bonds_within_joints_of_fitted_bodies_do_not_break():
             "regions": (elements, *scene.regions[1:]),
         }
     )
-    discretization = discretize(scene)
-    joint = discretization.is_peridynamic & discretization.is_overlap
-    assert joint.any() and not joint[discretization.is_peridynamic].all()
-    of_cell = point_classes(scene, discretization)
-    stretch = critical_stretches(scene, discretization)
-    one, free = (np.unique(of_cell[cells]) for cells in (joint, discretization.is_peridynamic & ~joint))
+    share = local_share(scene)
+    joint = share.is_peridynamic & share.is_overlap
+    assert joint.any() and not joint[share.is_peridynamic].all()
+    of_cell = point_classes(scene, share)
+    stretch = critical_stretches(scene, share)
+    one, free = (np.unique(of_cell[cells]) for cells in (joint, share.is_peridynamic & ~joint))
     assert (stretch[np.ix_(one, one)] == UNBREAKABLE).all()
-    assert (stretch[np.ix_(one, free)] == STRETCH).all() and (stretch[np.ix_(free, free)] == STRETCH).all()
+    limit = share.units.numbers(STRETCH)
+    assert (stretch[np.ix_(one, free)] == limit).all() and (stretch[np.ix_(free, free)] == limit).all()
 
 
 @pytest.mark.slow
 def test_breaks_keep_out_of_regions_that_may_not_fail():
     """Midpoints of broken bonds, and their ends: none in the ends of the strip, however far it is torn."""
     run = followed(strip(end_reaction=0.2))
-    x = run.body.discretization.mesh.centroids - run.body.discretization.units.origin
-    cells = np.flatnonzero(run.body.discretization.has_points)[run.failure.broken_pairs() // 8]
+    x = run.body.share.mesh.centroids - run.body.share.units.origin
+    cells = run.failure.broken_pairs() // 8
     assert np.abs(x[cells][:, :, 0]).max() < 3.0
 
 
@@ -157,10 +157,10 @@ def test_nothing_is_kept_for_bodies_that_do_not_break():
     """No critical stretch, or no region that may fail: no failure, no checks in the sweeps."""
     scene = make_scene((3, 2, 2))
     body = build(scene)
-    assert make_failure(scene, body.discretization, body.model) is None
+    assert make_failure(scene, body.share, body.model) is None
     regions = (Region(name="bonds", model="peridynamics", may_fail=False),)
     held = scene.model_copy(update={"material": Material(youngs_modulus=1.0, critical_stretch=1.0), "regions": regions})
-    assert make_failure(held, body.discretization, body.model) is None
+    assert make_failure(held, body.share, body.model) is None
 
 
 # --- books
@@ -199,12 +199,12 @@ def test_digits_of_the_dissipated_energy_stay_small():
 
 def test_long_elements_far_away_do_not_lengthen_what_is_near():
     """The mean edge is that of the cells with bonds."""
-    discretization = discretize(make_scene((9, 3, 2), 4))
-    nodes = discretization.mesh.nodes.copy()
+    share = local_share(make_scene((9, 3, 2), 4))
+    nodes = share.mesh.nodes.copy()
     nodes[:, 0] = np.where(nodes[:, 0] < 2.0, 2.0 + 8.0 * (nodes[:, 0] - 2.0), nodes[:, 0])
-    longer = replace(discretization, mesh=HexMesh(nodes, discretization.mesh.cells))
-    assert longer.mesh.average_edge > 1.2 * discretization.mesh.average_edge
-    assert breaking._mean_edge(longer) == breaking._mean_edge(discretization)
+    longer, all_cells = replace(share, mesh=replace(share.mesh, nodes=nodes)), np.ones_like(share.has_points)
+    assert longer.average_edge(all_cells) > 1.2 * share.average_edge(all_cells)
+    assert longer.average_edge(share.has_points) == share.average_edge(share.has_points)
 
 
 # --- breaking again
@@ -402,7 +402,7 @@ def test_only_fitted_bonds_have_neighbours_too_near_to_tell():
     assert failing(fitted_strip("virial")).failure.nearest == 0.0
     run = failing(fitted_strip())
     assert run.body.model.body_fit.fit is not None
-    assert run.failure.nearest == pytest.approx(0.5 / run.body.discretization.units.length)
+    assert run.failure.nearest == pytest.approx(0.5 / run.body.share.units.length)
 
 
 @pytest.mark.parametrize("kinematics", ["linear", "finite"])
@@ -437,7 +437,7 @@ def test_a_run_says_what_is_known_of_breaking_fitted_bonds():
             update={"peridynamics": scene.peridynamics.model_copy(update={"internal_length": 1.0})}
         )
         run = failing(scene)
-        said = list(describe_criterion(scene, run.body.discretization, run.failure, {}))
+        said = list(describe_criterion(scene, run.body.share, run.failure, {}))
         assert len(said) == told
         assert all('Use "virial"' in note and "docs/failure_criterion.md" in note for note in said)
-    assert list(describe_criterion(scene, run.body.discretization, None, {})) == []
+    assert list(describe_criterion(scene, run.body.share, None, {})) == []

@@ -48,7 +48,7 @@ def compare(body, u):
 
     expected, _, stored = dense.internal(places(u) * model.units.length)
     if len(model.rollers):
-        expected[dense.n_own :][dense._on_planes(np.flatnonzero(dense.d.node_number >= 0))] = 0.0
+        expected[dense.n_own :][dense._on_planes(np.flatnonzero(dense.d.node_row >= 0))] = 0.0
     difference = places(force) - expected / model.units.force
     return np.abs(difference).max() / np.abs(expected / model.units.force).max(), abs(energy / stored - 1.0)
 

@@ -146,7 +146,7 @@ def test_a_newer_format_is_told_and_not_taken_for_damage(tmp_path, monkeypatch):
     monkeypatch.setattr(checkpoint._seal_of, "__defaults__", (checkpoint.FORMAT + 1,))
     path = write(tmp_path / "a")
     monkeypatch.undo()
-    with pytest.raises(Invalid, match="format 2, of a newer pdfem_mpi") as error:
+    with pytest.raises(Invalid, match=f"format {checkpoint.FORMAT + 1}, of a newer pdfem_mpi") as error:
         check(path)
     assert error.value.newer
 

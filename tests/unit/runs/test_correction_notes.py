@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.meshes import BoxMesh
@@ -15,7 +14,7 @@ from pdfem_mpi.model.model import build_model
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.peridynamics.uneven import CONVERGED
 from pdfem_mpi.runs.correction_notes import describe_correction
-from support.bodies import YOUNGS_MODULUS, make_scene
+from support.bodies import YOUNGS_MODULUS, local_share, make_scene
 from support.reporters import Listener
 from support.restarts import alone
 
@@ -32,13 +31,13 @@ def notes(correction, corners, comm=None, cells=CELLS, contrast=0.1, stop=4.0):
     )
     materials = {"other": Material(youngs_modulus=contrast * YOUNGS_MODULUS)}
     scene = make_scene(cells, correction=correction, loads=(), regions=regions, materials=materials)
-    discretization = discretize(scene)
-    places = discretization.nodes * discretization.units.length + discretization.units.origin
+    share = local_share(scene)
+    places = share.nodes * share.units.length + share.units.origin
     moving = places[:, 0] < stop
-    shift = corners * np.random.default_rng(1).uniform(-1.0, 1.0, discretization.nodes.shape)
-    discretization.nodes[moving] += shift[moving]
-    model = build_model(scene, discretization, comm or mpi().COMM_SELF)
-    return model, list(describe_correction(scene, discretization, model))
+    shift = corners * np.random.default_rng(1).uniform(-1.0, 1.0, share.nodes.shape)
+    share.nodes[moving] += shift[moving]
+    model = build_model(scene, share, comm or mpi().COMM_SELF)
+    return model, list(describe_correction(scene, share, model))
 
 
 @pytest.mark.parametrize("correction", ["virial", "appendix_a"])

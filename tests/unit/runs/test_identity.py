@@ -2,12 +2,14 @@
 
 import pytest
 
-from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.meshing import make_mesh
+from pdfem_mpi.body.share import share_of
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.outputs import LineProbe, Output
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.programs import Solver, Steps
+from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs.identity import (
     ELEMENTS,
     ELEMENTS_BESIDE_BONDS,
@@ -15,22 +17,23 @@ from pdfem_mpi.runs.identity import (
     LOAD_FACTORS,
     MAY_CHANGE,
     MESH,
+    TIMES,
     differences,
     identity,
     sha256,
 )
-from support.bodies import make_scene
+from support.bodies import local_share, make_scene
 
 
 def keys_of(**tables):
     scene = make_scene((5, 2, 2), 2, **tables)
-    return identity(scene, discretize(scene))
+    return identity(scene, local_share(scene))
 
 
 SUPPORT = Support(face="x-", x=0.0)
 CRACK = Crack(polygon=((3.0, 0.0, 0.0), (3.0, 1.0, 0.0), (3.0, 1.0, 2.0)))
 KEYS = keys_of(supports=(SUPPORT,), cracks=(CRACK,), stepping=Steps(load_factors=(0.5, 1.0)))
-DEFINING = [key for key in KEYS if key != LOAD_FACTORS and not key.startswith(FREE + MAY_CHANGE)]
+DEFINING = [key for key in KEYS if key not in (LOAD_FACTORS, TIMES) and not key.startswith(FREE + MAY_CHANGE)]
 
 
 def another(value):
@@ -67,7 +70,7 @@ def test_elements_in_finite_kinematics_are_a_key_of_their_own():
     assert differences(before, finite, 1) == ([], [f'{ELEMENTS_BESIDE_BONDS} was nothing, the deck has "finite"'])
     assert differences(finite, keys_of(kinematics=None), 1) == ([], [])  # the default beside bonds
     alone = {
-        kinematics: identity(scene, discretize(scene))
+        kinematics: identity(scene, local_share(scene))
         for kinematics in (None, "finite")
         for scene in [make_scene((2, 1, 1), 2, kinematics=kinematics)]
     }
@@ -80,7 +83,7 @@ def test_regions_of_earlier_checkpoints_may_fail(elements, limit):
     scene = make_scene((5, 2, 2), elements)
     material = Material(youngs_modulus=1000.0, critical_stretch=0.01 if limit else None)
     scene = scene.model_copy(update={"material": material})
-    keys = identity(scene, discretize(scene))
+    keys = identity(scene, local_share(scene))
     flags = {f"regions.{k}.may_fail": True for k in range(len(scene.regions))}
     assert {key: keys[key] for key in flags} == flags
     assert differences(keys | flags, keys, 1) == ([], [])
@@ -119,7 +122,7 @@ def test_load_factors_already_reached_must_stay(factors, allowed):
 
 def test_a_renumbered_mesh_is_another_mesh():
     scene = make_scene((5, 2, 2), 2)
-    discretization = discretize(scene)
-    discretization.mesh.cells[[0, 1]] = discretization.mesh.cells[[1, 0]]
-    refused, _ = differences(keys_of(), identity(scene, discretization), 0)
+    mesh = make_mesh(scene)
+    mesh.cells[[0, 1]] = mesh.cells[[1, 0]]
+    refused, _ = differences(keys_of(), identity(scene, share_of(scene, mpi().COMM_SELF, mesh)), 0)
     assert refused == [f"{MESH} differs"]

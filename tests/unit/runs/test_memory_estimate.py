@@ -7,8 +7,6 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.body.share import cut_out, partition
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.meshes import FileMesh
@@ -21,7 +19,7 @@ from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs import memory_estimate as memory
 from pdfem_mpi.runs.prepare import check_scene
 from pdfem_mpi.runs.run import run
-from support.bodies import make_scene
+from support.bodies import local_share, make_scene
 from support.helpers import ROOT, run_python
 from support.reporters import Silence
 
@@ -37,15 +35,14 @@ from pdfem_mpi.system import launcher as launch
 launch.prepare_environment()
 from pdfem_mpi.runs import memory_estimate as memory
 from pdfem_mpi.deck.toml import read_deck
-from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.share import share_of
 from pdfem_mpi.runs.compilation import compile_kernels
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.body.share import cut_out, partition
 from support.bodies import build
 compile_kernels()
 scene = read_deck(sys.argv[1], sys.argv[2:])
-discretization = discretize(scene)
-need = memory.check_model(scene, discretization, mpi().COMM_SELF)
+share = share_of(scene, mpi().COMM_SELF)
+need = memory.check_model(scene, share, mpi().COMM_SELF)
 before = memory.resident()
 memory.forget_peak()
 body = build(scene)
@@ -67,7 +64,7 @@ def scene_of(cells=(12, 6, 6), **options) -> Scene:
 
 def test_a_scene_that_does_not_fit_is_refused_with_the_bytes_needed_and_available(tmp_path):
     scene = scene_of()
-    need = memory.estimate(scene, discretize(scene), whole(scene))
+    need = memory.estimate(scene, local_share(scene))
     built = patch("pdfem_mpi.runs.simulation.build_model", never)
     with available(int(need.bytes) - 1), built, pytest.raises(SceneError) as no:
         run(scene, mpi().COMM_SELF, tmp_path / "out", write_deck(scene), False, Silence())
@@ -83,7 +80,7 @@ def test_a_scene_that_does_not_fit_is_refused_with_the_bytes_needed_and_availabl
 
 def test_a_mesh_that_does_not_fit_is_not_even_made():
     scene = make_scene((4000, 4000, 4), 0)
-    with available(2**30), patch("pdfem_mpi.runs.prepare.discretize", never), pytest.raises(SceneError) as no:
+    with available(2**30), patch("pdfem_mpi.runs.prepare.share_of", never), pytest.raises(SceneError) as no:
         check_scene(scene, mpi().COMM_SELF)
     assert "the mesh of 64,000,000 cells needs 35.2 GiB" in no.value.messages[0]
 
@@ -92,25 +89,20 @@ def test_a_mesh_file_that_does_not_fit_is_named(tmp_path):
     """Read by one rank, and refused before all have it."""
     mesh = FileMesh(path=str(ROOT / "jobs" / "meshes" / "plate_with_hole.msh"))
     scene = make_scene((1, 1, 1), 1, loads=(), supports=(Support(face="x-", x=0.0),), mesh=mesh)
-    with available(2**16), patch("pdfem_mpi.runs.prepare.discretize", never), pytest.raises(SceneError) as no:
+    with available(2**16), patch("pdfem_mpi.runs.prepare.share_of", never), pytest.raises(SceneError) as no:
         check_scene(scene, mpi().COMM_SELF)
     (message,) = no.value.messages
     assert message.startswith(f"mesh.path = {mesh.path} does not fit into memory: the mesh of 600 cells needs")
 
 
-def whole(scene):
-    discretization = discretize(scene)
-    return cut_out(discretization, partition(discretization, 1), 0)
-
-
 @pytest.mark.parametrize("kinematics", ["linear", "finite"])
 def test_rows_and_bonds_are_counted_in_a_sample(kinematics):
     scene = make_scene((24, 10, 6), 8, kinematics=kinematics)
-    discretization = discretize(scene)
-    model = build_model(scene, discretization, mpi().COMM_SELF)
-    subdomain = whole(scene)
+    share = local_share(scene)
+    model = build_model(scene, share, mpi().COMM_SELF)
+    subdomain = share.subdomain
     cells = np.concatenate([subdomain.free, subdomain.overlap])
-    rows, bonds = memory._count_bonds(discretization, cells)
+    rows, bonds = memory._count_bonds(share, cells)
     assert bonds == pytest.approx(model.bonds.count, rel=SAMPLING)
     assert rows == pytest.approx(len(model.bonds.interior.offset) - 1, rel=SAMPLING)
 
@@ -123,16 +115,16 @@ def test_bonds_between_fitted_bodies_are_not_counted():
     )
     materials = {"soft": Material(youngs_modulus=100.0)}
     scene = make_scene((8, 6, 6), regions=regions, materials=materials, correction="fitted", loads=())
-    discretization = discretize(scene)
-    model = build_model(scene, discretization, mpi().COMM_SELF)
-    subdomain = whole(scene)
-    _, bonds = memory._count_bonds(discretization, np.concatenate([subdomain.free, subdomain.overlap]))
+    share = local_share(scene)
+    model = build_model(scene, share, mpi().COMM_SELF)
+    subdomain = share.subdomain
+    _, bonds = memory._count_bonds(share, np.concatenate([subdomain.free, subdomain.overlap]))
     assert bonds == pytest.approx(model.bonds.count, rel=SAMPLING)
 
 
 def test_without_peridynamics_there_are_no_bonds():
     scene = make_scene((4, 4, 4), 4)
-    assert memory.estimate(scene, discretize(scene), whole(scene)).bonds == 0.0
+    assert memory.estimate(scene, local_share(scene)).bonds == 0.0
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="peak resident memory is read from /proc")

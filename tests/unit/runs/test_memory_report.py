@@ -33,7 +33,7 @@ BREAKING = {"break_check", "break_records"}
 ELEMENTS = {"nodes", "elements"}
 GRADIENTS = {"intact_elements", "coarse_grid", "preconditioner_blocks"}
 ALWAYS = {
-    "mesh", "discretization", "share_of_the_rank", "masses", "loads_and_supports", "state", "force_tables",
+    "mesh", "share_of_the_rank", "masses", "loads_and_supports", "state", "force_tables",
     "solver_vectors",
 }  # fmt: skip
 
@@ -186,7 +186,7 @@ def test_digest_in_slabs_is_that_of_the_fields(n_elements, monkeypatch):
     body = build(make_scene(CELLS, n_elements))
     u = np.random.default_rng(0).uniform(-1e-3, 1e-3, body.model.n_unknowns)
     fields = body.fields(u)
-    assert digest_fields(body.discretization, body.forces, u) == fields_sha256(fields)
+    assert digest_fields(body.share, body.forces, u) == fields_sha256(fields)
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other mallocs have their own ways")

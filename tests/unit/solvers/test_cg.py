@@ -21,7 +21,7 @@ def solved(scene, solver, notes=None, factor=1.0):
     """Body and convergence after one load step."""
     body = build(scene)
     body.state.u[body.case.fixed] = factor * body.case.prescribed[body.case.fixed]
-    solve = make_solver(scene, body.discretization, body.forces, body.case, (notes or []).append)
+    solve = make_solver(scene, body.share, body.forces, body.case, (notes or []).append)
     return body, solve(body.state, factor * body.case.external, lambda progress: None)
 
 
@@ -58,7 +58,7 @@ def test_reported_residual_is_the_true_one():
 def test_warm_start_at_the_solution_costs_one_evaluation():
     """From an equilibrium nothing is left to do but to look at it."""
     body, _ = solved(make_scene((8, 3, 2), 4, solver="cg", tolerance=1e-8), "cg")
-    preconditioner = make_preconditioner(body.discretization, body.model, body.case)
+    preconditioner = make_preconditioner(body.share, body.model, body.case)
     again = cg.solve(body.forces, body.state, body.case.external, body.case.fixed, 1e-7, 100, preconditioner)
     assert again.evaluations == 1
 
@@ -76,7 +76,7 @@ def test_no_sweep_is_wasted(scene):
     cells, n_elements, options = scene
     body = build(make_scene(cells, n_elements, solver="cg", tolerance=1e-9, **options))
     seen = []
-    solve = make_solver(body.scene, body.discretization, body.forces, body.case, pytest.fail)
+    solve = make_solver(body.scene, body.share, body.forces, body.case, pytest.fail)
     convergence = solve(body.state, body.case.external, seen.append)
     assert convergence.evaluations == seen[-1].iteration + 1
 
@@ -128,7 +128,7 @@ def test_too_few_evaluations_are_named():
 def test_indefinite_operators_are_named(wrong, monkeypatch):
     """A negative preconditioner is a breakdown; a negative stiffness, which relaxation cannot mend, the end."""
     body = build(make_scene((6, 2, 2), solver="cg"))
-    preconditioner = make_preconditioner(body.discretization, body.model, body.case)
+    preconditioner = make_preconditioner(body.share, body.model, body.case)
     if wrong == "preconditioner":
         apply = preconditioner.apply
 
@@ -153,7 +153,7 @@ def test_relaxation_goes_on_after_a_breakdown():
     )
     notes = []
     body = build(scene)
-    solve = make_solver(scene, body.discretization, body.forces, body.case, notes.append)
+    solve = make_solver(scene, body.share, body.forces, body.case, notes.append)
     convergence = solve(body.state, body.case.external, lambda progress: None)
     assert convergence.residual <= 1e-4
     assert "conjugate gradients broke down" in notes[0]
@@ -162,7 +162,7 @@ def test_relaxation_goes_on_after_a_breakdown():
 def test_steps_are_counted_whatever_sums_do_not_fit(monkeypatch):
     """Last digits decide whether an evaluation fits its bounds and counts; how far a state is relaxed does not."""
     body = build(make_scene((6, 3, 2), 2, solver="cg", **HELD))
-    solve = make_solver(body.scene, body.discretization, body.forces, body.case, lambda text: None)
+    solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
 
     def improved():
         residual, step = body.case.external.copy(), np.zeros_like(body.state.u)

@@ -33,7 +33,7 @@ def test_estimate_against_the_true_energy_error(name):
     """Loose and tight solves of the same body, compared in the energy norm with a solve to 1e-11."""
     cells, n_elements, options = BODIES[name]
     body = build(make_scene(cells, n_elements, **options))
-    preconditioner = make_preconditioner(body.discretization, body.model, body.case)
+    preconditioner = make_preconditioner(body.share, body.model, body.case)
 
     def solved(tolerance):
         body.state.u[:] = body.case.prescribed

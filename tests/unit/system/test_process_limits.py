@@ -17,6 +17,7 @@ from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs import memory_estimate as memory
 from pdfem_mpi.system import process_limits
 from pdfem_mpi.system.process_limits import Limit, group_limit, own_limit, shared_memory_problem
+from support.bodies import local_share
 from support.helpers import outside_launcher, run_pdfem, run_python
 from support.restarts import alone, often
 from support.tiny import TINY
@@ -176,7 +177,7 @@ def test_any_number_of_a_deck_in_the_extreme_is_a_scene_or_refused(value):
         try:
             scene = parse_deck(text, "deck")
             memory.check_mesh(scene, int(np.prod(scene.mesh.n_cells)), mpi().COMM_SELF)
-            memory.check_model(scene, discretize(scene), mpi().COMM_SELF)
+            memory.check_model(scene, local_share(scene), mpi().COMM_SELF)
         except SceneError as error:
             assert error.messages, number
         assert time.process_time() - begun < SECONDS, number

@@ -34,7 +34,7 @@ GROUPS = {
     "bonds": ("bond_rows", "bond_strengths", "bond_lengths", "bond_counts", "fitted_factors"),
     "breaking": ("break_check", "break_records", "broken_bonds", "damage_weights"),
     "mesh and places": (
-        "mesh", "discretization", "share_of_the_rank", "exchange", "mirror_images", "points", "nodes", "elements",
+        "mesh", "share_of_the_rank", "exchange", "mirror_images", "points", "nodes", "elements",
         "overlap",
     ),
     "vectors": ("masses", "loads_and_supports", "state", "force_tables"),

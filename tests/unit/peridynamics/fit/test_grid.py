@@ -46,7 +46,7 @@ def test_grid_fits_into_its_budget(extent):
 def test_grid_is_the_limit_of_the_operator_for_slow_multipliers():
     """A linear field in a block: the grid solves for its forces, and finds its energy but for what surfaces cut off."""
     body = build(make_scene((8, 8, 8), correction="none", loads=()))
-    model, d = body.model, body.discretization
+    model, d = body.model, body.share
     operator = Operator(model.comm, model.points, model.bonds, np.ones(1))
     x = point_rows(model.points.x)
     slopes = np.random.default_rng(3).standard_normal((3, N))

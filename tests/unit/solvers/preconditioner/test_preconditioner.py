@@ -8,6 +8,7 @@ from pdfem_mpi.model.model import build_intact_elements
 from pdfem_mpi.model.motions import rigid_modes
 from pdfem_mpi.peridynamics.point_blocks import point_blocks
 from pdfem_mpi.solvers.preconditioner import coarse_grid as grid
+from pdfem_mpi.solvers.preconditioner import nested_grids
 from pdfem_mpi.solvers.preconditioner.blocks import inverted, node_blocks, softest
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from support.bodies import build, make_scene
@@ -55,7 +56,7 @@ def applied(preconditioner, r):
 
 def test_it_is_symmetric_and_positive(body):
     """x.Py = y.Px and x.Px > 0: what conjugate gradients ask of a preconditioner."""
-    preconditioner = make_preconditioner(body.discretization, body.model, body.case)
+    preconditioner = make_preconditioner(body.share, body.model, body.case)
     x, y = vectors(body, 2)
     px, py = applied(preconditioner, x), applied(preconditioner, y)
     assert abs(x @ py - y @ px) <= ROUNDED * np.sqrt((x @ px) * (y @ py))
@@ -65,13 +66,13 @@ def test_it_is_symmetric_and_positive(body):
 
 def test_fixed_unknowns_stay(body):
     """A correction never moves a prescribed displacement."""
-    z = applied(make_preconditioner(body.discretization, body.model, body.case), vectors(body, 1)[0])
+    z = applied(make_preconditioner(body.share, body.model, body.case), vectors(body, 1)[0])
     assert (z[body.case.fixed] == 0.0).all()
 
 
 def test_it_bounds_the_spectrum(body):
     """Ritz values of P K on forty unit displacements lie between bounds that do not depend on the body."""
-    preconditioner = make_preconditioner(body.discretization, body.model, body.case)
+    preconditioner = make_preconditioner(body.share, body.model, body.case)
     forces = type(body.forces)(body.model, tangent=body.model.bonds is not None and body.model.bonds.finite)
     if forces.tangent:
         forces.linearise(body.state.u, 0.0)
@@ -122,14 +123,14 @@ def test_soft_and_fixed_directions_of_a_block_are_held():
 def test_grid_stiffness_gives_linear_fields_no_force_inside_and_the_right_energy():
     """Integrated by moments, a uniform strain has the energy of the body: volume times the energy density."""
     body = build(make_scene((8, 6, 4), 8))
-    intact = build_intact_elements(body.discretization, body.model)
+    intact = build_intact_elements(body.share, body.model)
     h = np.array([2.0, 2.0, 2.0])
     counts = np.array([4, 3, 2])
     moments = np.zeros((4, 24, 27), np.int64)
     quantum = np.full(24, grid.MOMENT_QUANTUM)
-    cells = body.discretization.mesh.cells
-    corners = body.discretization.nodes[cells]
-    lower = body.discretization.nodes.min(axis=0)
+    cells = body.share.mesh.cells
+    corners = body.share.nodes[cells]
+    lower = body.share.nodes.min(axis=0)
     where, xi = grid._locate(grid.gauss_positions(corners).reshape(-1, 3), lower, h, counts)
     grid.add_moments(moments[0], where, xi, grid.gauss_volumes(corners).reshape(-1), quantum)
     number, matrix = grid._stiffness(moments * grid.MOMENT_QUANTUM, np.ones(24), h, counts, [0.25], 0.0)
@@ -149,9 +150,9 @@ def test_grid_stiffness_gives_linear_fields_no_force_inside_and_the_right_energy
 def test_multigrid_takes_over_where_factors_would_be_too_large(monkeypatch):
     """With a small budget the grid is nested; its cycle is as good as the direct solve within a few iterations."""
     body = build(make_scene((16, 8, 8), 0, **SHEAR))
-    direct = make_preconditioner(body.discretization, body.model, body.case)
-    monkeypatch.setattr(grid, "MOST_FILL", 1e3)
-    nested = make_preconditioner(body.discretization, body.model, body.case)
+    direct = make_preconditioner(body.share, body.model, body.case)
+    monkeypatch.setattr(nested_grids, "MOST_FILL", 1e3)
+    nested = make_preconditioner(body.share, body.model, body.case)
     assert len(direct.grid.levels) == 1
     assert len(nested.grid.levels) > 1
     right = np.random.default_rng(0).standard_normal(3 * nested.grid.n_nodes)
@@ -168,8 +169,8 @@ def test_prolongation_between_grids_is_exact_for_linear_functions(counts):
     """Trilinear interpolation from half the cells, an axis of one cell kept; an odd axis keeps its last cell's half."""
     counts = np.array(counts)
     number = np.arange(int(np.prod(counts + 1)))
-    below, prolongation = grid._prolongation(number, counts)
-    coarser = grid._halved(counts, 1)
+    below, prolongation = nested_grids._prolongation(number, counts)
+    coarser = nested_grids._halved(counts, 1)
     ratio = np.where(counts == coarser, 1, 2)
     fine = np.stack(np.unravel_index(number, counts + 1), axis=1)
     coarse = np.stack(np.unravel_index(np.flatnonzero(below >= 0), coarser + 1), axis=1) * ratio

@@ -41,7 +41,7 @@ def largest_eigenvalue(preconditioner):
 def test_the_product_is_kept_and_the_sum_positive(mesh):
     """Damping times the largest eigenvalue is the product within a tenth, and leaves the preconditioner positive."""
     body = elements(**mesh)
-    preconditioner = make_preconditioner(body.discretization, body.model, body.case)
+    preconditioner = make_preconditioner(body.share, body.model, body.case)
     top = largest_eigenvalue(preconditioner)
     found = preconditioner.damping * top
     assert PRODUCT <= found < 1.1 * PRODUCT
@@ -51,7 +51,7 @@ def test_the_product_is_kept_and_the_sum_positive(mesh):
 def test_gradients_converge_on_distorted_cells():
     """With the damping of cubes the preconditioner was not positive definite, and relaxation took 351 evaluations."""
     body, said = elements(mesh=PLATE), []
-    solve = make_solver(body.scene, body.discretization, body.forces, body.case, said.append)
+    solve = make_solver(body.scene, body.share, body.forces, body.case, said.append)
     (step,) = follow_load_program(body.scene, solve, None, body.state, body.case)
     assert said == [] and step.convergence.evaluations <= 40
 

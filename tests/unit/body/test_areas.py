@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.kernels.hex8 import gauss_positions, gauss_volumes
-from pdfem_mpi.mesh.faces import match_faces, refuse_pieces
-from pdfem_mpi.mesh.generators import box, plate_with_hole
-from pdfem_mpi.mesh.hexmesh import HexMesh
-from pdfem_mpi.peridynamics.fit.areas import (
+from pdfem_mpi.body.areas import (
     area_vectors,
     face_shares,
     find_boundary,
     restore_compatibility,
 )
+from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.kernels.hex8 import gauss_positions, gauss_volumes
+from pdfem_mpi.mesh.faces import match_faces, refuse_pieces
+from pdfem_mpi.mesh.generators import box, plate_with_hole
+from pdfem_mpi.mesh.hexmesh import HexMesh
 
 ROUND_OFF = 1e-13
 OUTER, INNER = 0.5 * (1.0 + np.sqrt(3.0)), 0.5 * (1.0 - np.sqrt(3.0))  # trilinear functions on a face: 1.366, -.366

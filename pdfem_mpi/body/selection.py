@@ -1,0 +1,169 @@
+"""The places of the body that the loads, the supports and the probes of a deck speak of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.deck.loads import Traction
+from pdfem_mpi.deck.mechanical_probes import SetProbe
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.mesh import named_sets
+from pdfem_mpi.mesh.layers import cells_near_face
+from pdfem_mpi.mesh.part import MeshPart
+
+
+@dataclass(frozen=True)
+class ChosenFaces:
+    """Faces that a traction pulls at.
+
+    Attributes
+    ----------
+    cells : int64, shape (n_faces,)
+    nodes : int, shape (n_faces, 4)
+    total, on_points, on_free_points, on_mirrors : int
+        Faces on all ranks: all of them, those of cells with points and with free points, those on mirror planes.
+    """
+
+    cells: np.ndarray
+    nodes: np.ndarray
+    total: int
+    on_points: int
+    on_free_points: int
+    on_mirrors: int
+
+    def part(self, mesh: MeshPart) -> ChosenFaces:
+        """Those of the cells of a part of the mesh, by the places there."""
+        here = np.isin(self.cells, mesh.cell_id)
+        cells, nodes = mesh.places_of_cells(self.cells[here]), mesh.places_of_nodes(self.nodes[here])
+        return replace(self, cells=cells, nodes=nodes)
+
+
+@dataclass(frozen=True)
+class ChosenPlaces:
+    """Cells that a body force or support speaks of, and the nodes with unknowns that a support does; int64, rising."""
+
+    cells: np.ndarray
+    nodes: np.ndarray
+
+    def part(self, mesh: MeshPart) -> ChosenPlaces:
+        """Those of a part of the mesh, by the places there."""
+        cells, nodes = (
+            own[np.isin(own, here, assume_unique=True)]
+            for own, here in ((self.cells, mesh.cell_id), (self.nodes, mesh.node_id))
+        )
+        return ChosenPlaces(mesh.places_of_cells(cells), mesh.places_of_nodes(nodes))
+
+
+@dataclass(frozen=True)
+class Selections:
+    """What each load and each support of the deck speaks of, and what is wrong with it.
+
+    Attributes
+    ----------
+    loads : tuple of ChosenFaces or ChosenPlaces, or None where nothing could be chosen
+    supports, probes : tuple of ChosenPlaces, or None
+    problems_of_loads, problems_of_supports, problems_of_probes : tuple of tuples of str
+        Of each of them.
+    """
+
+    loads: tuple[ChosenFaces | ChosenPlaces | None, ...]
+    supports: tuple[ChosenPlaces | None, ...]
+    problems_of_loads: tuple[tuple[str, ...], ...]
+    problems_of_supports: tuple[tuple[str, ...], ...]
+    probes: tuple[ChosenPlaces | None, ...] = ()
+    problems_of_probes: tuple[tuple[str, ...], ...] = ()
+
+    def part(self, mesh: MeshPart) -> Selections:
+        """The same on a part of the mesh, by the places there."""
+        loads, supports, probes = (
+            tuple(chosen and chosen.part(mesh) for chosen in kind) for kind in (self.loads, self.supports, self.probes)
+        )
+        return replace(self, loads=loads, supports=supports, probes=probes)
+
+
+def select_places(scene: Scene, discretization: Discretization) -> Selections:
+    """Find what the loads, the supports and the probes of sets of the deck speak of."""
+    names = [region.name for region in scene.regions]
+    sets = [probe if isinstance(probe, SetProbe) else None for probe in scene.probes]
+    found: dict[str, list] = {"loads": [], "supports": [], "probes": []}
+    problems: dict[str, list] = {"loads": [], "supports": [], "probes": []}
+    for kind, entries in (("loads", scene.loads), ("supports", scene.supports), ("probes", sets)):
+        for index, entry in enumerate(entries):
+            chosen, messages = None, ()
+            try:
+                if isinstance(entry, Traction):
+                    chosen = _select_faces(discretization, entry, f"{kind}.{index}")
+                elif entry is not None:
+                    cells = _select_cells(discretization, entry, f"{kind}.{index}", names)
+                    nodes = np.zeros(0, bool)
+                    if kind == "supports":
+                        nodes, messages = _select_nodes(discretization, entry, f"{kind}.{index}", cells)
+                    chosen = ChosenPlaces(np.flatnonzero(cells), np.flatnonzero(nodes))
+            except SceneError as error:
+                messages = error.messages
+            found[kind].append(chosen)
+            problems[kind].append(tuple(messages))
+    chosen, wrong = ([tuple(table[kind]) for kind in found] for table in (found, problems))
+    return Selections(chosen[0], chosen[1], wrong[0], wrong[1], chosen[2], wrong[2])
+
+
+def _select_cells(discretization: Discretization, entry, where: str, names: list[str]) -> np.ndarray:
+    """Cells a load or support speaks of; bool, shape (n_cells,)."""
+    mesh = discretization.mesh
+    if entry.region is not None:
+        chosen = discretization.region == names.index(entry.region)
+    elif entry.face is not None:
+        chosen = cells_near_face(mesh, entry.face, entry.layers)
+    elif entry.set is not None:
+        chosen = named_sets.cells_of(mesh, entry, where)
+    else:
+        chosen = mesh.cells_in_box(entry.lower, entry.upper)
+    if not chosen.any() and entry.set is None:
+        raise SceneError(
+            [f"{where} selects no cell of the mesh, whose cells are {mesh.largest_edge:.6g} wide. Widen its box."]
+        )
+    return chosen
+
+
+def _select_faces(discretization: Discretization, load: Traction, where: str) -> ChosenFaces:
+    """Faces a traction speaks of."""
+    mesh = discretization.mesh
+    if load.set is None:
+        cells, faces = mesh.faces_on_face(load.face)
+    else:
+        cells, faces = named_sets.faces_of(mesh, load, where)
+    has_points = discretization.has_points[cells]
+    of_points = has_points & ~discretization.is_overlap[cells]
+    corners = discretization.nodes[faces]
+    tolerance = mesh.tolerance / discretization.units.length
+    flat = np.ptp(corners, axis=1) <= tolerance
+    on_planes = discretization.mirrors.normal_components(corners.reshape(-1, 3), tolerance).reshape(corners.shape)
+    mirrored = (flat & on_planes.all(axis=1)).any(axis=1)
+    counts = (int(np.count_nonzero(chosen)) for chosen in (has_points, of_points, mirrored))
+    return ChosenFaces(cells, faces, len(faces), *counts)
+
+
+def _select_nodes(discretization: Discretization, support, where: str, cells: np.ndarray):
+    """Nodes of elements that a support holds, bool, (n_nodes,), and what its set holds where nothing can be."""
+    mesh = discretization.mesh
+    if support.set is None:
+        nodes = np.zeros(len(mesh.nodes), bool)
+        nodes[mesh.cells[cells & discretization.has_nodes]] = True
+        if support.face is not None:
+            nodes &= mesh.nodes_on_face(support.face)
+        return nodes, ()
+    wanted = named_sets.nodes_of(mesh, support, where)
+    chosen = wanted & discretization.carries
+    wanted[mesh.cells[cells]] = False
+    stray = np.flatnonzero(wanted & ~chosen)
+    if not len(stray):
+        return chosen, ()
+    place = ", ".join(f"{c:.6g}" for c in mesh.nodes[stray[0]])
+    return chosen, (
+        f"{where}.set = {support.set} has {len(stray)} nodes of peridynamic cells that make up no face of one, the "
+        f"first at ({place}): peridynamic points are held beneath faces or in cells. Use such a set.",
+    )

@@ -1,0 +1,262 @@
+"""Which cells and nodes of the whole body a rank owns, and which it sees as ghosts.
+
+The unit of the partition is the cell: its points and its element live on one rank. A node belongs to the owner of
+its lowest-numbered cell. Ghost cells are those within the cutoff radius of an owned cell, ghost nodes those of
+owned elements and overlap cells that another rank owns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.kernels.exact_sums import MOST_RANKS
+from pdfem_mpi.kernels.hex8 import gauss_positions
+from pdfem_mpi.mesh.hexmesh import HexMesh
+from pdfem_mpi.parallel.bisection import bisect
+from pdfem_mpi.parallel.comm import report_progress, sum_integers
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+#: Cost of a bond sweep over the neighbour cells of a peridynamic cell, per neighbour, of one element, and of any cell
+#: in the cycle of conjugate gradients' preconditioner; units of ns.
+NEIGHBOUR_COST, ELEMENT_COST, CYCLE_COST = 40, 60, 280
+#: Distance of two centroids beyond that of the two balls around their cells' Gauss points, and the balls' radii, in
+#: longest edges, at most: two nodes of a cell are three edges apart or less.
+WIDEST_BALLS = 12.0
+#: Cells between two beats of this rank: it is at work, and says so.
+BATCH = 65536
+
+
+@dataclass(frozen=True)
+class Subdomain:
+    """Cells and nodes of one rank, by their numbers in the mesh; in a `Share`, by their places among its own.
+
+    Attributes
+    ----------
+    free, overlap, ghosts : int64
+        Owned cells with free points, owned overlap cells, ghost cells with points. Points are stored in this order.
+    ghost_owner : int32, shape (n_ghosts,)
+    images : int64
+        Owned cells and ghosts whose mirror images lie within the cutoff radius; a cell may have several.
+    reflection : int64, shape (n_images,)
+        Number, from 1, of the reflection among those of the body.
+    elements : int64
+        Owned cells whose elements have an internal force.
+    owned_nodes, ghost_nodes : int64
+        Nodes that carry unknowns, owned ones first wherever nodes are stored.
+    ghost_node_owner : int32
+    """
+
+    free: np.ndarray
+    overlap: np.ndarray
+    ghosts: np.ndarray
+    ghost_owner: np.ndarray
+    images: np.ndarray
+    reflection: np.ndarray
+    elements: np.ndarray
+    owned_nodes: np.ndarray
+    ghost_nodes: np.ndarray
+    ghost_node_owner: np.ndarray
+
+    @property
+    def point_cells(self) -> np.ndarray:
+        """Cell of each local cell with points, in the order they are stored in; int64."""
+        return np.concatenate([self.free, self.overlap, self.ghosts, self.images])
+
+
+def count_neighbours(discretization: Discretization, comm: Intracomm) -> np.ndarray | None:
+    """Neighbours of all cells with points, each rank counting those of a block; None on one rank. Collective."""
+    return None if comm.size == 1 else sum_integers(comm, _neighbours(discretization, comm.rank, comm.size))
+
+
+def _neighbours(discretization: Discretization, block: int = 0, n_blocks: int = 1) -> np.ndarray:
+    """Cells with points, and images of them, within the cutoff radius of each cell with points, centre to centre.
+
+    int64, shape (n_point_cells,); 0 outside of the block.
+    """
+    chosen = _centroids(discretization)[discretization.has_points]
+    counts = np.zeros(len(chosen), np.int64)
+    if len(chosen):
+        _, _, images = near_images(discretization, chosen, chosen)
+        tree = cKDTree(np.concatenate([chosen, images]))
+        first, last = (len(chosen) * k // n_blocks for k in (block, block + 1))
+        for start in range(first, last, BATCH):
+            part = slice(start, min(start + BATCH, last))
+            counts[part] = tree.query_ball_point(chosen[part], discretization.cutoff, return_length=True)
+            report_progress()
+    return counts
+
+
+def partition(discretization: Discretization, n_parts: int, neighbours: np.ndarray | None = None) -> np.ndarray:
+    """Owner of every cell of the mesh: recursive bisection, cells weighted by the cost of a force evaluation.
+
+    Parameters
+    ----------
+    neighbours : int64, shape (n_point_cells,), optional
+        What `count_neighbours` finds; counted here, if not given.
+
+    Returns
+    -------
+    int32, shape (n_cells,)
+
+    Raises
+    ------
+    SceneError
+        More parts than cells, or than sums are exact for.
+    """
+    if n_parts > MOST_RANKS:
+        raise SceneError(
+            [f"{n_parts} ranks are more than {MOST_RANKS:,}, up to which sums over ranks are exact. Use fewer."]
+        )
+    n_cells = len(discretization.mesh.cells)
+    if n_parts > n_cells:
+        raise SceneError(
+            [f"{n_parts} ranks cannot share {n_cells} cells. Use at most {n_cells} ranks, or a finer mesh."]
+        )
+    weights = np.full(n_cells, CYCLE_COST if discretization.has_cycle else 0, np.int64)
+    weights[discretization.has_nodes] += ELEMENT_COST
+    if n_parts > 1:
+        counts = _neighbours(discretization) if neighbours is None else neighbours
+        weights[discretization.has_points] += NEIGHBOUR_COST * counts
+    return bisect(_centroids(discretization), weights, n_parts)
+
+
+def _centroids(discretization: Discretization) -> np.ndarray:
+    """Of all cells, model units."""
+    return discretization.units.places(discretization.mesh.centroids)
+
+
+def cut_out(discretization: Discretization, owner: np.ndarray, rank: int) -> Subdomain:
+    """The share of one rank."""
+    mesh = discretization.mesh
+    mine = owner == rank
+    order = locality_order(mesh)
+    free = order[(mine & discretization.has_points & ~discretization.is_overlap)[order]]
+    overlap = order[(mine & discretization.is_overlap)[order]]
+    ghosts = _ghost_cells(discretization, owner, rank, order)
+    images, reflection = _image_cells(discretization, np.concatenate([free, overlap]), ghosts)
+
+    owner_of_node = node_owners(mesh, discretization.has_nodes, owner)
+    owned_nodes, ghost_nodes = split_nodes(mesh, owner_of_node, mine & discretization.has_nodes, rank)
+    return Subdomain(
+        free=free,
+        overlap=overlap,
+        ghosts=ghosts,
+        ghost_owner=owner[ghosts],
+        images=images,
+        reflection=reflection,
+        elements=order[(mine & discretization.has_stiffness)[order]],
+        owned_nodes=owned_nodes,
+        ghost_nodes=ghost_nodes,
+        ghost_node_owner=owner_of_node[ghost_nodes],
+    )
+
+
+def node_owners(mesh: HexMesh, carries: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """Owner of each node of the cells that carry nodes: that of the lowest of its cells; -1 for other nodes.
+
+    Parameters
+    ----------
+    carries : bool, shape (n_cells,)
+    owner : int32, shape (n_cells,)
+    """
+    found = np.full(len(mesh.nodes), -1, np.int32)
+    carriers = np.flatnonzero(carries)[::-1]
+    found[mesh.cells[carriers]] = owner[carriers, None]  # the last assignment stays: the lowest cell's
+    return found
+
+
+def split_nodes(mesh: HexMesh, owner_of_node: np.ndarray, cells: np.ndarray, rank: int) -> tuple[np.ndarray, ...]:
+    """Nodes that a rank owns, and those of its cells, bool (n_cells,), that others own; int64."""
+    touched = np.zeros(len(mesh.nodes), bool)
+    touched[mesh.cells[cells]] = True
+    return np.flatnonzero(owner_of_node == rank), np.flatnonzero(touched & (owner_of_node != rank))
+
+
+def locality_order(mesh: HexMesh) -> np.ndarray:
+    """Cells in layers across the longest axis, then across the second longest: neighbours stay near in memory."""
+    layer = np.floor((mesh.centroids - mesh.lower) / mesh.mean_edge * (1 + 1e-9)).astype(np.int64)
+    short, middle, long = np.argsort(mesh.upper - mesh.lower, kind="stable")
+    return np.lexsort((np.arange(len(layer)), layer[:, short], layer[:, middle], layer[:, long]))
+
+
+def _ghost_cells(discretization, owner, rank, order) -> np.ndarray:
+    """Cells of other ranks with a point within the cutoff radius of an owned point, or nearly so."""
+    has_points = discretization.has_points
+    mine = np.flatnonzero(has_points & (owner == rank))
+    others = np.flatnonzero(has_points & (owner != rank))
+    if not len(mine) or not len(others):
+        return np.empty(0, np.int64)
+    others = _near_box(discretization, mine, others)
+    (centre, radius), (owned_centre, owned_radius) = (_cell_balls(discretization, some) for some in (others, mine))
+    if not len(others):
+        return np.empty(0, np.int64)
+    widest = max(radius.max(), owned_radius.max())
+    distance, _ = cKDTree(owned_centre).query(centre, distance_upper_bound=discretization.cutoff + 2.0 * widest)
+    near = np.isfinite(distance)
+    # the nearest centre need not be the nearest cell when sizes differ: compare with the largest owned radius
+    keep = distance[near] <= discretization.cutoff + radius[near] + owned_radius.max()
+    chosen = np.zeros(len(owner), bool)
+    chosen[others[near][keep]] = True
+    return order[chosen[order]]
+
+
+def _near_box(discretization, mine, others) -> np.ndarray:
+    """Those of other cells whose balls may come within the cutoff radius of a ball of the rank's own; int64."""
+    mesh, centroids = discretization.mesh, _centroids(discretization)
+    reach = discretization.cutoff + WIDEST_BALLS * mesh.largest_edge / discretization.units.length
+    low, high = centroids[mine].min(axis=0) - reach, centroids[mine].max(axis=0) + reach
+    return others[((centroids[others] >= low) & (centroids[others] <= high)).all(axis=1)]
+
+
+def _image_cells(discretization, owned, ghosts) -> tuple[np.ndarray, np.ndarray]:
+    """Cells with a mirror image within the cutoff radius of an owned cell, or nearly so, and the reflections."""
+    if not discretization.mirrors or not len(owned):
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    cells = np.concatenate([owned, ghosts])
+    centre, radius = _cell_balls(discretization, cells)
+    own = slice(0, len(owned))
+    near, reflection, images = near_images(discretization, centre, centre[own], 2.0 * radius.max())
+    distance, _ = cKDTree(centre[own]).query(images)
+    keep = distance <= discretization.cutoff + radius[near] + radius[own].max()
+    return cells[near][keep], reflection[keep]
+
+
+def near_images(discretization, x, target, margin=0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mirror images of positions within the cutoff radius and a margin of the box around others; model units.
+
+    Parameters
+    ----------
+    x, target : float64, shapes (n, 3), (m, 3), dimension length
+    margin : float, dimension length
+
+    Returns
+    -------
+    index : int64, shape (n_images,)
+        Of the positions; reflection by reflection, each in the positions' order.
+    reflection : int64, shape (n_images,)
+        Number, from 1.
+    image : float64, shape (n_images, 3), dimension length
+    """
+    reach = discretization.cutoff + margin
+    low, high = target.min(axis=0) - reach, target.max(axis=0) + reach
+    found = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3)))]
+    for number, (sign, shift) in enumerate(zip(*discretization.reflections, strict=True), start=1):
+        image = sign * x + shift
+        index = np.flatnonzero(((image >= low) & (image <= high)).all(axis=1))
+        found.append((index, np.full(len(index), number), image[index]))
+    return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
+
+
+def _cell_balls(discretization, cells) -> tuple[np.ndarray, np.ndarray]:
+    """Centre and radius of a ball around the Gauss points of some cells, model units."""
+    points = gauss_positions(discretization.nodes[discretization.mesh.cells[cells]])
+    centre = 0.5 * (points.min(axis=1) + points.max(axis=1))
+    return centre, np.sqrt(((points - centre[:, None]) ** 2).sum(axis=2).max(axis=1))

@@ -1,0 +1,94 @@
+"""Some cells of a mesh with their nodes, as a mesh that knows how large the whole one is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.mesh.hexmesh import HexMesh
+
+
+@dataclass(frozen=True)
+class Measures:
+    """What selections and tolerances take from a whole mesh, dimension length; see `HexMesh`."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    tolerance: float
+    smallest_edge: float
+    largest_edge: float
+
+
+@dataclass(frozen=True)
+class MeshPart(HexMesh):
+    """Cells of a mesh in its order, with nodes in its order; box, edges and tolerance are the whole mesh's.
+
+    Attributes
+    ----------
+    measures : Measures
+        Of the whole mesh.
+    cell_id, node_id : int64, shapes (n_cells,), (n_nodes,)
+        Numbers in the whole mesh, rising.
+    """
+
+    measures: Measures | None = None
+    cell_id: np.ndarray | None = None
+    node_id: np.ndarray | None = None
+
+    @property
+    def lower(self) -> np.ndarray:
+        return self.measures.lower
+
+    @property
+    def upper(self) -> np.ndarray:
+        return self.measures.upper
+
+    @property
+    def tolerance(self) -> float:
+        return self.measures.tolerance
+
+    @property
+    def smallest_edge(self) -> float:
+        return self.measures.smallest_edge
+
+    @property
+    def largest_edge(self) -> float:
+        return self.measures.largest_edge
+
+    @property
+    def mean_edge(self) -> float:
+        return 0.5 * (self.measures.smallest_edge + self.measures.largest_edge)
+
+    def places_of_cells(self, numbers: np.ndarray) -> np.ndarray:
+        """Places of cells of the part by their numbers in the whole mesh; int64, shape (n,)."""
+        return np.searchsorted(self.cell_id, numbers)
+
+    def places_of_nodes(self, numbers: np.ndarray) -> np.ndarray:
+        """Places of nodes of the part by their numbers in the whole mesh; int64, shape (n,)."""
+        return np.searchsorted(self.node_id, numbers)
+
+
+def take_part(mesh: HexMesh, cells: np.ndarray) -> MeshPart:
+    """The part of a mesh that some cells make; its arrays are the mesh's own where these are all cells.
+
+    Named sets stay behind.
+
+    Parameters
+    ----------
+    cells : bool, shape (n_cells,)
+    """
+    measures = Measures(mesh.lower, mesh.upper, mesh.tolerance, mesh.smallest_edge, mesh.largest_edge)
+    if cells.all():
+        numbers = np.arange(len(mesh.cells)), np.arange(len(mesh.nodes))
+        return MeshPart(mesh.nodes, mesh.cells, measures=measures, cell_id=numbers[0], node_id=numbers[1])
+    used = np.zeros(len(mesh.nodes), bool)
+    used[mesh.cells[cells]] = True
+    place = (np.cumsum(used) - 1).astype(mesh.cells.dtype)
+    return MeshPart(
+        mesh.nodes[used],
+        place[mesh.cells[cells]],
+        measures=measures,
+        cell_id=np.flatnonzero(cells),
+        node_id=np.flatnonzero(used),
+    )

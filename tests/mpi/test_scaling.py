@@ -1,0 +1,73 @@
+"""What an iteration sends: no reduction that grows with the body, and no array of it on any rank but the first.
+
+Also run on 8 and 32 ranks, oversubscribed: 216 cells a rank.
+"""
+
+import numpy as np
+import pytest
+
+from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.share import share_of
+from pdfem_mpi.body.subdomain import partition
+from pdfem_mpi.kernels.exact_sums import SIZE
+from pdfem_mpi.parallel.comm import sum_integers, world
+from pdfem_mpi.parallel.slabs import gather_rows
+from pdfem_mpi.parallel.traffic import TRAFFIC, join
+from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts
+from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
+from pdfem_mpi.stepping import follow_load_program, make_solver
+from support.bodies import build, make_scene
+from support.counting import CountingComm
+from support.helpers import assert_all
+
+pytestmark = pytest.mark.mpi
+#: Bytes of the largest reduction: exact sums of twelve dot products at the end of a step, of four in an iteration.
+MOST_BYTES = 12 * 8 * SIZE
+
+
+def scene_of(ranks, n_elements=0):
+    """A bar of cubes of 6 x 6 x 6 cells."""
+    return make_scene((6 * ranks, 6, 6), n_elements, correction="none", solver="cg", tolerance=1e-3)
+
+
+@pytest.mark.parametrize("coupled", [False, True], ids=["bonds", "coupled"])
+def test_an_iteration_reduces_little_and_sends_to_neighbours(coupled):
+    counted = CountingComm(world())
+    body = build(scene_of(counted.size, 3 * counted.size if coupled else 0), counted)
+    solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
+    counted.reset()
+    TRAFFIC.clear()
+    (row,) = follow_load_program(body.scene, solve, None, body.state, body.case)
+    assert_all(counted, 0 < counted.largest <= MOST_BYTES, f"a reduction of {counted.largest} bytes")
+    assert_all(counted, row.convergence.residual <= 1e-3)
+    own = TRAFFIC.copy()
+    same = own.sent_bytes, own.messages, own.reductions, own.largest_reduction
+    assert_all(
+        counted, same == (counted.sent, counted.calls["Isend"], counted.calls["Allreduce"], counted.largest), f"{same}"
+    )
+    found = join(counted, own, 1.0, row.convergence.evaluations)
+    assert_all(counted, (found is None) == (counted.rank > 0 or counted.size == 1))
+    assert_all(counted, found is None or (found["imbalance"] >= 1.0 and found["messages_per_evaluation"]["mean"] > 1.0))
+
+
+def test_the_coarse_grid_is_on_the_first_rank_alone():
+    """Others know the grid nodes around their own nodes: as many on any number of ranks."""
+    comm = world()
+    body = build(scene_of(comm.size), comm)
+    grid = make_preconditioner(body.share, body.model, body.case).grid
+    whole = int(sum_integers(comm, np.array([grid.halo.n_owned]))[0])
+    assert_all(comm, whole == np.prod(grid_counts(body.share)[0] + 1), f"{whole} grid nodes are owned")
+    seen = (6 // 2 + 3) * (6 // 2 + 1) ** 2  # of a cube, with the layer on each side
+    assert_all(comm, comm.rank == 0 or (not grid.levels and grid.halo.n_ghost <= seen), f"{grid.halo.n_ghost} seen")
+
+
+def test_shares_are_those_that_one_rank_would_cut():
+    """Ranks share out the measuring of cells and the counting of neighbours: the same owners, the same quality."""
+    comm = world()
+    scene = scene_of(comm.size, 3 * comm.size)
+    whole, share = discretize(scene), share_of(scene, comm)
+    owner = partition(whole, comm.size)
+    assert_all(comm, share.quality == whole.quality, f"{share.quality}")
+    assert_all(comm, (share.cell_owner == owner[share.mesh.cell_id]).all(), "other owners")
+    cells = gather_rows(comm, share.mesh.cell_id[share.is_owned], share.mesh.cell_id[share.is_owned], len(owner))
+    assert_all(comm, cells is None or (cells == np.arange(len(owner))).all(), "cells without an owner")
