@@ -141,17 +141,8 @@ def restore_compatibility(
     centre = 0.5 * (x.min(axis=0) + x.max(axis=0))
     half = 0.5 * (x.max(axis=0) - x.min(axis=0)).max()
     scaled = (x - centre) / half
-    wanted = np.zeros(N_TRACES)
-    if moments is not None:
-        wanted = np.append(wanted, _divergences(moments, centre, half))
-    n_works = len(wanted)
-
-    def conditions(places):
-        rows = _conditions(places)
-        if moments is None:
-            return rows
-        return np.concatenate([rows[:N_TRACES], _quadratic_fields(places), rows[N_TRACES:]])
-
+    wanted = np.append(np.zeros(N_TRACES), () if moments is None else _divergences(moments, centre, half))
+    n_works, conditions = len(wanted), _conditions if moments is None else _conditions_with_fields
     works, sizes = -wanted, np.abs(wanted)
     for k in range(0, len(x), BATCH):
         rows = conditions(scaled[k : k + BATCH])[:n_works]
@@ -199,6 +190,12 @@ def _conditions(x: np.ndarray) -> np.ndarray:
     for k in range(9):
         rows[N_TRACES + 3 + k] = x[:, [k // 3]] * motions[k % 3]
     return rows
+
+
+def _conditions_with_fields(x: np.ndarray) -> np.ndarray:
+    """`_conditions`, and the eight quadratic fields behind the traces; shape (76, n, 3)."""
+    rows = _conditions(x)
+    return np.concatenate([rows[:N_TRACES], _quadratic_fields(x), rows[N_TRACES:]])
 
 
 def _quadratic_fields(x: np.ndarray) -> np.ndarray:
