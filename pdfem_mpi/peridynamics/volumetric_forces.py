@@ -18,7 +18,7 @@ from pdfem_mpi.kernels.exact_sums import SIZE, add_products
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest, sum_integers
-from pdfem_mpi.peridynamics.bond_forces import BondForces
+from pdfem_mpi.peridynamics.bond_forces import BondForces, for_breaking
 from pdfem_mpi.peridynamics.failure import Broken, Failure
 from pdfem_mpi.peridynamics.images import SCALAR, halo_for
 
@@ -93,7 +93,7 @@ class VolumetricForces(BondForces):
             self._clear(bound)
             for kind, rows in enumerate(self.bonds.rows):
                 sweep = dilatation_sweeps.SWEEPS[True, self.series, False, self.law.is_weighted]
-                shared = *self._dilatation_arguments(kind), np.zeros(2), *self._failing(None, 0.0)
+                shared = *self._dilatation_arguments(kind), np.zeros(2), *for_breaking(self.bonds, None, 0.0)
                 self._call(sweep, len(rows.start) - 1, shared)
             self.of_points.scatter_reverse(self.qi.reshape(-1, 2, 1, W))
             self._make_pressures(np.zeros(2))
@@ -141,7 +141,7 @@ class VolumetricForces(BondForces):
             met[0] = max(met[0], size / (self.law.widest * self.bonds.cutoff))
             return
         sweep = dilatation_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None, self.law.is_weighted]
-        shared = (*shared, extremes, *self._failing(failure, margin))
+        shared = (*shared, extremes, *for_breaking(self.bonds, failure, margin))
         self._call(sweep, len(rows.start) - 1, shared, failure, halo)
         met[0] = max(met[0], extremes[0], -extremes[1])
 
