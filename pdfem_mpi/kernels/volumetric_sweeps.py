@@ -86,7 +86,7 @@ def _linear_sweep(weighted):
                 f = fma(load(S, b) - ux, gx, fma(load(S, b + V1) - uy, gy, (load(S, b + V2) - uz) * gz))
                 if weighted:
                     o = r * STEP
-                    common = fma(q, load(weights, o), load(Q, b // _NINE) * load(weights, o + V1))
+                    common = q * load(weights, o) + load(Q, b // _NINE) * load(weights, o + V1)  # alike from both ends
                 else:
                     common = q + load(Q, b // _NINE)
                 if several:
@@ -153,7 +153,7 @@ def _finite_sweep(closed, weighted):
                 e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + V1)
                 phi = response_in_closed_form(one, e, table) if closed else response_by_series(one, e, table)
                 if weighted:
-                    common = fma(q, load(weights, o), load(Q, b // _NINE) * load(weights, o + V1))
+                    common = q * load(weights, o) + load(Q, b // _NINE) * load(weights, o + V1)  # alike from both ends
                 else:
                     common = q + load(Q, b // _NINE)
                 if several:
@@ -232,8 +232,8 @@ def _tangent_sweep(closed, weighted):
                 common, changed = load(Q, b // _NINE), load(change, b // _NINE)
                 if weighted:
                     here, there = load(weights, o), load(weights, o + V1)
-                    common = fma(q, here, common * there)
-                    changed = fma(more, here, changed * there)
+                    common = q * here + common * there  # alike from both ends
+                    changed = more * here + changed * there
                 else:
                     common = q + common
                     changed = more + changed
