@@ -203,7 +203,7 @@ class Events(Table):
             text = f"= {show(self.end_load_factor)} ends a load that rises, and times say how it goes. Keep one."
             problems.append(Problem("end_load_factor", text))
         if self.control != "load":
-            text = f"= {show(self.control)} scales the load, and times prescribe it. Use \"load\"."
+            text = f'= {show(self.control)} scales the load, and times prescribe it. Use "load".'
             problems.append(Problem("control", text))
         return problems
 

@@ -183,7 +183,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("regions", "loads"), check_references),
     (("regions", "supports"), check_support_references),
     (("mesh", "regions", "material", "materials", "peridynamics", "coupling"), check_fitted),
-    (("regions", "material", "materials", "peridynamics"), check_volumetric),
+    (("regions", "material", "materials", "interfaces", "peridynamics"), check_volumetric),
     (("mesh", "regions"), functools.partial(check_sets, "regions")),
     (("mesh", "loads"), functools.partial(check_sets, "loads")),
     (("mesh", "supports"), functools.partial(check_sets, "supports")),

@@ -8,6 +8,8 @@ layer of points: means are taken over the growth of several cells. The first bre
 is a quantity of the lattice.
 """
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -107,3 +109,28 @@ def test_crack_grows_at_its_own_fracture_energy(name):
     assert rows[0].broken == 0
     assert all(row.event == "critical" for row in rows)
     assert max(abs(row.ledger_error) for row in rows) <= CLOSED
+
+
+#: Of the fracture energy relative to that at 1/4, against the formula: the crack band widens from 0.4 on, which no
+#: plane of bonds knows of. Found: 0.963, 0.993 and 0.924 at 0.1, 0.33 and 0.4.
+RELATIVE = 0.15
+
+
+@cache
+def mean_energy(nu):
+    """Mean G over that of the bonds across a plane in plane strain, and the formula's share of the dilatation."""
+    deck, overrides, tips = CASES["double cantilever"]
+    overrides = [*overrides, 'mesh.symmetry=["z-","z+"]', f"material.poissons_ratio={nu}"]
+    length, ratio, rows = grown(deck, overrides, tips)
+    assert max(abs(row.ledger_error) for row in rows) <= CLOSED
+    steady = length > length[0] + FIRST_TEETH
+    growth, means = np.diff(length[steady]), 0.5 * (ratio[steady][1:] + ratio[steady][:-1])
+    scene = parse_deck((ROOT / "jobs" / deck).read_text(encoding="utf-8"), deck, overrides)
+    return means @ growth / growth.sum() / (1.0 + scene.material.share_of_dilatation(2.5))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("nu", [0.1, 0.33, 0.4])
+def test_fracture_energy_at_any_poissons_ratio(nu):
+    """A crack grows at the energy from which the critical stretch is taken, as well as it does at 1/4."""
+    assert mean_energy(nu) == pytest.approx(mean_energy(0.25), rel=RELATIVE)
