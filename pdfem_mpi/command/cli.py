@@ -67,7 +67,7 @@ def main() -> None:
         code = EXIT_USAGE
     except typer.Abort:
         if launch.launcher_variable() is not None:
-            # a launcher lets the other ranks wait for ever in the start of MPI when one has left with a code
+            # when one rank ends with an exit code, a launcher lets the others wait for ever in the start of MPI
             signal.signal(signal.SIGINT, signal.SIG_DFL)
             os.kill(os.getpid(), signal.SIGINT)
         code = EXIT_INTERRUPTED

@@ -128,7 +128,7 @@ def gather_damage(
     remaining : Remaining, optional
         Of the calls before: without it all bonds are swept.
     failure : Failure, optional
-        Whose books tell ``remaining`` which bonds broke since; without it none did.
+        Its books say which bonds broke since the last call; without it none did.
     parts : bool
         Where bonds soften, also the shares of those that have softened, and that are gone.
 

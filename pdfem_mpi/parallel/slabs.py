@@ -51,7 +51,7 @@ def gather_rows(comm: Intracomm, global_ids: Array, rows: Array, n_global: int) 
 def gather_slabs(comm: Intracomm, global_ids: Array, rows: Array, n_global: int) -> Iterator[tuple[int, Array | None]]:
     """Collect rows on rank 0 as `gather_rows` does, a slab of global ids at a time. Collective at every turn.
 
-    All ranks must come to the end: what the rank that writes the slabs cannot do is told after it.
+    All ranks must come to the end: an error of the rank that writes the slabs is raised after it.
 
     Yields
     ------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pdfem_mpi.body.share import Share
@@ -36,7 +38,8 @@ def critical_stretches(scene: Scene, share: Share) -> np.ndarray:
     """
     of_materials = first_stretches(scene, share.units.length, share.cutoff / (1.0 + CUTOFF_GUARD))
     material, breaks = _by_class(scene, share)
-    critical = np.minimum(of_materials[material[:, None], material], UNBREAKABLE)
+    stretches = np.where(of_materials < UNBREAKABLE, share.units.numbers(of_materials), UNBREAKABLE)
+    critical = stretches[material[:, None], material]
     return np.where(breaks, critical, UNBREAKABLE)
 
 
@@ -51,6 +54,8 @@ def bond_laws(scene: Scene, share: Share) -> tuple[list[BondLaw], np.ndarray]:
     """
     laws, which = laws_of_bonds(scene, share.units.length, share.cutoff / (1.0 + CUTOFF_GUARD))
     material, breaks = _by_class(scene, share)
+    limits = [replace(law.teeth, limit=share.units.numbers(law.teeth.limit)) for law in laws]
+    laws = [replace(law, teeth=teeth) for law, teeth in zip(laws, limits, strict=True)]
     return laws, np.where(breaks, which[material[:, None], material], 0)
 
 
