@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
 from pdfem_mpi.deck.amplitudes import amplitude_problems, between, through_nothing
-from pdfem_mpi.deck.loads import Support
-from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Interface, Material, all_materials
-from pdfem_mpi.deck.peridynamics import Peridynamics
-from pdfem_mpi.deck.regions import Region, has_model
-from pdfem_mpi.deck.softening import CRITERION, OWN_RATIO
 from pdfem_mpi.deck.table import Problem, Table, key, show
 
 
@@ -152,9 +146,15 @@ class Events(Table):
         The run ends here; None (default): no such limit.
     end_reaction : float, above 0 and below 1, dimension 1
         The run ends when the reaction at held load has fallen below this fraction of the peak.
-    control : "load" or "energy"
+    end_opening : float or None, > 0, dimension length
+        Under opening control, the run ends at this opening; None (default): no such limit.
+    control : "load", "energy" or "opening"
         "load": broken bonds unload the body at a held load, until none is left to break. "energy": after each batch
-        the load is scaled so that the next bond is about to break, which follows snap-backs.
+        the load is scaled so that the next bond is about to break, which follows snap-backs. "opening": after each
+        batch the load is scaled so that the next bond is about to break, or so that the opening is the largest so far
+        where it would be less: the opening never shrinks, as in a laboratory that controls it.
+    opening : str or None
+        Under opening control, the name of a probe of kind "opening".
     report_every : int, >= 1
         Batches between two rows of the history within an avalanche.
     tooth_ratio : float or None, above 1 to 2, dimension 1
@@ -170,7 +170,9 @@ class Events(Table):
     arrest_tolerance: float = key(1.0e-3, gt=0, lt=1, dimension="1")
     end_load_factor: float | None = key(None, gt=0, dimension="1")
     end_reaction: float = key(0.05, gt=0, lt=1, dimension="1")
-    control: Literal["load", "energy"] = key("load")
+    end_opening: float | None = key(None, gt=0, dimension="length")
+    control: Literal["load", "energy", "opening"] = key("load")
+    opening: str | None = key(None)
     report_every: int = key(10, ge=1)
     tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
     times: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
@@ -185,6 +187,10 @@ class Events(Table):
         return through_nothing(self.times, self.load_factors)
 
     def problems(self) -> list[Problem]:
+        """What belongs together: an opening and its control, times and load factors."""
+        return [*self._problems_of_opening(), *self._problems_of_times()]
+
+    def _problems_of_times(self) -> list[Problem]:
         """Times with load factors, where the load alone says how the program goes on and ends."""
         if self.times is None and self.load_factors is None:
             return []
@@ -195,9 +201,21 @@ class Events(Table):
         if self.end_load_factor is not None:
             text = f"= {show(self.end_load_factor)} ends a load that rises, and times say how it goes. Keep one."
             problems.append(Problem("end_load_factor", text))
-        if self.control == "energy":
-            problems.append(Problem("control", '= "energy" scales the load, and times prescribe it. Use "load".'))
+        if self.control != "load":
+            text = f"= {show(self.control)} scales the load, and times prescribe it. Use \"load\"."
+            problems.append(Problem("control", text))
         return problems
+
+    def _problems_of_opening(self) -> list[Problem]:
+        """An opening where it is controlled, and only there."""
+        if self.control == "opening":
+            remedy = 'Give opening = "NAME", the name of a probe with kind = "opening".'
+            return [] if self.opening else [Problem("control", f'= "opening" needs to know which. {remedy}')]
+        return [
+            Problem(name, f'= {show(getattr(self, name))} goes with control = "opening". Set that, or remove it.')
+            for name in ("opening", "end_opening")
+            if getattr(self, name) is not None
+        ]
 
     @property
     def n_steps(self) -> int | None:
@@ -210,115 +228,3 @@ def _steps_by_default(value: Any) -> Any:
 
 
 Stepping = Annotated[Steps | Ramp | Events, Field(discriminator="kind"), BeforeValidator(_steps_by_default)]
-
-
-def check_failure(
-    material: Material,
-    materials: dict[str, Material],
-    interfaces: Sequence[Interface],
-    regions: Sequence[Region],
-    stepping: Any,
-) -> list[Problem]:
-    """Failure needs bonds that may break, and a program that breaks them needs failure."""
-    tables = all_materials(material, materials)
-    if not has_model(regions, "peridynamics"):
-        problems = [
-            Problem(
-                f"{where}.{next(name for name in CRITERION if getattr(table, name) is not None)}",
-                "breaks bonds, and no region has any. Remove it, or describe a region by peridynamics.",
-            )
-            for where, table in tables.values()
-            if table.can_fail
-        ]
-        return problems or _needs_failure(stepping, "finite elements do not break. Describe a region by peridynamics.")
-    bonded = [region for region in regions if region.model == "peridynamics"]
-    breakable = any(tables[region.material][1].can_fail for region in bonded if region.material in tables)
-    if not breakable and not any(interface.can_fail for interface in interfaces):
-        return _needs_failure(
-            stepping, "nothing says when bonds break. Give material.critical_stretch or material.fracture_energy."
-        )
-    if all(region.may_fail is False for region in bonded):
-        return [
-            Problem("regions", "with peridynamics all have may_fail = false: no bond can break. Let one of them fail.")
-        ]
-    return []
-
-
-def _needs_failure(stepping: Any, reason: str) -> list[Problem]:
-    if stepping.kind == "steps":
-        return []
-    return [Problem("stepping.kind", f"= {show(stepping.kind)} follows failure, and {reason}")]
-
-
-def check_softening(
-    material: Material,
-    materials: dict[str, Material],
-    interfaces: Sequence[Interface],
-    regions: Sequence[Region],
-    peridynamics: Peridynamics,
-    stepping: Any,
-) -> list[Problem]:
-    """Teeth belong to bonds that soften, and these to stiffnesses that push back where they are pressed."""
-    tables = (material, *materials.values(), *interfaces)
-    if not any(table.softens for table in tables):
-        if stepping.tooth_ratio is None:
-            return []
-        text = "is of bonds that soften, and none does. Give material.tensile_strength, or remove it."
-        return [Problem("stepping.tooth_ratio", f"= {show(stepping.tooth_ratio)} {text}")]
-    if peridynamics.surface_correction == "fitted" and peridynamics.signs == "free":
-        return [
-            Problem(
-                "peridynamics.signs",
-                '= "free" lets bonds push where they are stretched, and such a bond cannot soften. Use "bounded", or '
-                'surface_correction = "virial".',
-            )
-        ]
-    named = all_materials(material, materials)
-    used = {region.material for region in regions if region.model == "peridynamics" and region.material in named}
-    ratios = [(where, table.poissons_ratio) for name, (where, table) in named.items() if name in used]
-    return [
-        Problem(f"{where}.poissons_ratio", f"= {show(ratio)} {OWN_RATIO}")
-        for where, ratio in ratios
-        if ratio != BOND_POISSONS_RATIO
-    ]
-
-
-def check_events_over_time(stepping: Any, peridynamics: Peridynamics) -> list[Problem]:
-    """Loads that come and go from break to break: bodies that answer in proportion to them."""
-    if stepping.kind != "events" or stepping.times is None or peridynamics.kinematics == "linear":
-        return []
-    text = 'scales states with the load, which finite kinematics do not. Use peridynamics.kinematics = "linear".'
-    return [Problem("stepping.times", text)]
-
-
-def check_stepping_solver(stepping: Any, solver: Solver) -> list[Problem]:
-    needed = {"ramp": "adr", "events": "cg"}.get(stepping.kind, solver.kind)
-    if solver.kind == needed:
-        return []
-    return [
-        Problem(
-            "solver.kind",
-            f"= {show(solver.kind)} does not go with stepping.kind = {show(stepping.kind)}, which "
-            + ("is relaxation" if needed == "adr" else "needs a solver for equilibrium")
-            + f'. Use "{needed}".',
-        )
-    ]
-
-
-def check_something_loads(stepping: Any, loads: Sequence[Any], supports: Sequence[Support]) -> list[Problem]:
-    """Failure needs a load: a force, or a support that moves."""
-    amounts = [
-        component
-        for load in loads
-        for vector in (getattr(load, "total", None), getattr(load, "density", None), getattr(load, "traction", None))
-        for component in vector or ()
-    ] + [component for support in supports for component in (support.x, support.y, support.z)]
-    if stepping.kind == "steps" or any(amounts):
-        return []
-    return [
-        Problem(
-            "stepping.kind",
-            f"= {show(stepping.kind)} raises the load until bonds break, and nothing loads the body. "
-            "Add a table [[loads]], or a support that moves.",
-        )
-    ]

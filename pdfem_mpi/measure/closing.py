@@ -60,7 +60,7 @@ def measure_closing(share: Share, forces: Forces, failure: Failure) -> Closing:
     xi, eta = (rows[pairs[:, 1]] - rows[pairs[:, 0]] for rows in (x, u))
     square, work = (xi**2).sum(axis=1), (eta * xi).sum(axis=1)
     stretch = work / np.maximum(square, 1e-300)
-    if of_bonds.bonds.finite:
+    if forces.model.finite:
         stretch = np.sqrt(((xi + eta) ** 2).sum(axis=1) / np.maximum(square, 1e-300)) - 1.0
     one, other = (failure.class_of[pairs[:, end] // 4] for end in (0, 1))
     told = (square <= (FACING * share.typical_edge) ** 2) & (stretch < -TOLD * failure.stretch[one, other])

@@ -166,15 +166,9 @@ class BondForces:
         else:
             sweep = bond_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None]
             self.swept.add(bond_sweeps.NAMES[sweep])
-            shared += self._failing(failure, margin)
+            shared += for_breaking(self.bonds, failure, margin)
         self._call(sweep, len(rows.start) - 1, shared, failure, halo)
         met[0] = max(met[0], extremes[0], -extremes[1])
-
-    def _failing(self, failure: Failure | None, margin: float) -> tuple:
-        """What sweeps that may break bonds take besides."""
-        if failure is None:
-            return NOTHING_FAILS
-        return failure.class_of, *failure.limits(self.bonds.finite, margin), *failure.records
 
     def _call(self, sweep: Callable, n_points: int, shared: tuple, failure=None, halo=None) -> None:
         """Call a sweep over all points in pieces, book what broke in each, and let messages progress."""
@@ -204,3 +198,10 @@ def pages(shape: tuple[int, ...]) -> np.ndarray:
     raw = np.zeros(size + 4096, np.uint8)
     start = -raw.ctypes.data % 4096
     return raw[start : start + size].view(np.float64).reshape(shape)
+
+
+def for_breaking(bonds: Bonds, failure: Failure | None, margin: float) -> tuple:
+    """What sweeps that may break bonds take besides."""
+    if failure is None:
+        return NOTHING_FAILS
+    return failure.class_of, *failure.limits(bonds.finite, margin), *failure.records

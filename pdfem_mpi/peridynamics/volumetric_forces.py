@@ -18,7 +18,7 @@ from pdfem_mpi.kernels.exact_sums import SIZE, add_products
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest, sum_integers
-from pdfem_mpi.peridynamics.bond_forces import BondForces
+from pdfem_mpi.peridynamics.bond_forces import BondForces, for_breaking
 from pdfem_mpi.peridynamics.failure import Broken, Failure
 from pdfem_mpi.peridynamics.images import SCALAR, halo_for
 from pdfem_mpi.peridynamics.rows import Rows
@@ -95,7 +95,7 @@ class VolumetricForces(BondForces):
             self._clear(bound)
             for rows in self.bonds.rows:
                 sweep = dilatation_sweeps.SWEEPS[True, self.series, False]
-                shared = *self._dilatation_arguments(rows), np.zeros(2), *self._failing(None, 0.0)
+                shared = *self._dilatation_arguments(rows), np.zeros(2), *for_breaking(self.bonds, None, 0.0)
                 self._call(sweep, len(rows.start) - 1, shared)
             self.of_points.scatter_reverse(self.qi.reshape(-1, 2, 1, W))
             self._make_pressures(np.zeros(2))
@@ -141,7 +141,7 @@ class VolumetricForces(BondForces):
             met[0] = max(met[0], extremes[0] / (self.law.widest * self.bonds.cutoff))
             return
         sweep = dilatation_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None]
-        shared = (*shared, extremes, *self._failing(failure, margin))
+        shared = (*shared, extremes, *for_breaking(self.bonds, failure, margin))
         self._call(sweep, len(rows.start) - 1, shared, failure, halo)
         met[0] = max(met[0], extremes[0], -extremes[1])
 

@@ -17,7 +17,7 @@ from pdfem_mpi.parallel.traffic import TRAFFIC, join
 from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.runs.checkpoints import CheckpointWriter
 from pdfem_mpi.runs.energy_release import energy_releases
-from pdfem_mpi.runs.history_rows import history_row, probe_row
+from pdfem_mpi.runs.history_rows import probe_row
 from pdfem_mpi.runs.memory_report import Watched
 from pdfem_mpi.runs.outputs import Outputs
 from pdfem_mpi.runs.reporter import Reporter
@@ -152,7 +152,7 @@ class March:
         began = perf_counter()
         if self.wanted:
             ended.fields = simulation.fields(*simulation.scene.output.mechanical, probes=simulation.probe_reader)
-        columns = history_row(report, simulation.share.units, simulation.failure is not None)
+        columns = simulation.row(report)
         columns |= probe_row(simulation.scene.probes, ended.fields.probed if ended.fields else {})
         body = simulation.share, simulation.model
         ended.damage = gather_damage(*body, self.remaining, simulation.failure, parts=True)
