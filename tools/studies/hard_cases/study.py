@@ -43,8 +43,8 @@ FAMILIES = {
 HEAD = """# Hard cases
 
 Twenty-one families of bodies and loads that break programs of this kind, each one solved within the stated error or
-refused by name, with the reason and the remedy. The decks with their comments are in `jobs/hard`, the table of variants in
-`tests/hard/cases.py`; `tests/hard` runs short forms by default and whole ones where tests marked slow run.
+refused by name, with the reason and the remedy. The decks with their comments are in `jobs/hard`, the table of variants
+in `tests/hard/cases.py`; `tests/hard` runs short forms by default and whole ones where tests marked slow run.
 `tools/studies/study hard_cases` runs all of them on one and two ranks (family 18: on one to eight) and writes
 this page.
 
