@@ -216,7 +216,7 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
     seen = whole.mesh.neighbours(owner == comm.rank)
     seen[numbers.ghosts] = True
     mesh = take_part(whole.mesh, seen)
-    centred = (np.array([whole.mesh.lower, whole.mesh.upper]) - whole.units.origin) / whole.units.length
+    centred = whole.units.places(np.array([whole.mesh.lower, whole.mesh.upper]))
 
     def of_cells(values: np.ndarray) -> np.ndarray:
         return values if len(mesh.cells) == len(values) else values[seen]

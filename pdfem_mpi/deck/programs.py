@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from pdfem_mpi.deck.amplitudes import amplitude_problems, between
-from pdfem_mpi.deck.loads import Support
-from pdfem_mpi.deck.materials import Interface, Material, all_materials
-from pdfem_mpi.deck.regions import Region, has_model
-from pdfem_mpi.deck.table import MOST_HINTS, Problem, Table, did_you_mean, key, show
+from pdfem_mpi.deck.amplitudes import amplitude_problems, between, through_nothing
+from pdfem_mpi.deck.table import Problem, Table, key, show
 
 
 class Solver(Table):
@@ -46,12 +42,15 @@ class Steps(Table):
         A pseudo-time for each load factor, strictly rising from 0: factors may then rise, fall and change their sign.
     increments : int or None, >= 1
         Equilibria on the straight line from one time to the next; None (default): one.
+    tooth_ratio : float or None, above 1 to 2, dimension 1
+        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
     """
 
     kind: Literal["steps"] = key("steps")
     load_factors: tuple[float, ...] = key((1.0,), min_length=1, dimension="1")
     times: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
     increments: int | None = key(None, ge=1)
+    tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
 
     @property
     def schedule(self) -> list[tuple[float | None, float]]:
@@ -101,6 +100,8 @@ class Ramp(Table):
         or when the reaction has fallen below this fraction of its peak.
     report_every : int, >= 1
         Iterations between two rows of the history, which are frames of the fields as well.
+    tooth_ratio : float or None, above 1 to 2, dimension 1
+        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
     """
 
     kind: Literal["ramp"]
@@ -108,6 +109,7 @@ class Ramp(Table):
     end_load_factor: float = key(1.0, gt=0, dimension="1")
     end_reaction: float = key(0.05, ge=0, lt=1, dimension="1")
     report_every: int = key(1000, ge=1)
+    tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
 
     def problems(self) -> list[Problem]:
         """A ramp of at least one iteration."""
@@ -133,7 +135,8 @@ class Events(Table):
     Attributes
     ----------
     eta : float, 1e-6 to below 0.5, dimension 1
-        Bonds within this fraction of their critical stretch break together with the first.
+        Bonds within this fraction of their critical stretch break together with the first. 1e-2 by default where bonds
+        soften, with 4 sweeps between batches.
     inner_iterations : int, >= 1
         Sweeps of relaxation between two batches of breaks in an avalanche, fewer where the residual gets to 1e-4.
     arrest_tolerance : float, above 0 and below 1, dimension 1
@@ -154,6 +157,11 @@ class Events(Table):
         Under opening control, the name of a probe of kind "opening".
     report_every : int, >= 1
         Batches between two rows of the history within an avalanche.
+    tooth_ratio : float or None, above 1 to 2, dimension 1
+        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
+    times, load_factors : floats or None, dimension 1
+        A way of the load over a pseudo-time, straight from (0, 0) through these: up, down and to the other side. The
+        run ends at the last; None (default): the load rises as long as it takes.
     """
 
     kind: Literal["events"]
@@ -166,8 +174,39 @@ class Events(Table):
     control: Literal["load", "energy", "opening"] = key("load")
     opening: str | None = key(None)
     report_every: int = key(10, ge=1)
+    tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
+    times: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
+    load_factors: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
+
+    @property
+    def legs(self) -> list[tuple[float, float, bool]]:
+        """Ends of the straight parts of the way: time, load factor, and whether it is one of the deck's.
+
+        A part from one side to the other is divided at 0.
+        """
+        return through_nothing(self.times, self.load_factors)
 
     def problems(self) -> list[Problem]:
+        """What belongs together: an opening and its control, times and load factors."""
+        return [*self._problems_of_opening(), *self._problems_of_times()]
+
+    def _problems_of_times(self) -> list[Problem]:
+        """Times with load factors, where the load alone says how the program goes on and ends."""
+        if self.times is None and self.load_factors is None:
+            return []
+        if self.times is None or self.load_factors is None:
+            missing = "times" if self.times is None else "load_factors"
+            return [Problem(missing, "is missing: events take both times and load_factors, or neither. Add it.")]
+        problems = amplitude_problems(self.times, self.load_factors)
+        if self.end_load_factor is not None:
+            text = f"= {show(self.end_load_factor)} ends a load that rises, and times say how it goes. Keep one."
+            problems.append(Problem("end_load_factor", text))
+        if self.control != "load":
+            text = f"= {show(self.control)} scales the load, and times prescribe it. Use \"load\"."
+            problems.append(Problem("control", text))
+        return problems
+
+    def _problems_of_opening(self) -> list[Problem]:
         """An opening where it is controlled, and only there."""
         if self.control == "opening":
             remedy = 'Give opening = "NAME", the name of a probe with kind = "opening".'
@@ -189,101 +228,3 @@ def _steps_by_default(value: Any) -> Any:
 
 
 Stepping = Annotated[Steps | Ramp | Events, Field(discriminator="kind"), BeforeValidator(_steps_by_default)]
-
-
-def check_failure(
-    material: Material,
-    materials: dict[str, Material],
-    interfaces: Sequence[Interface],
-    regions: Sequence[Region],
-    stepping: Any,
-) -> list[Problem]:
-    """Failure needs bonds that may break, and a program that breaks them needs failure."""
-    tables = all_materials(material, materials)
-    if not has_model(regions, "peridynamics"):
-        problems = [
-            Problem(
-                f"{where}.{'fracture_energy' if table.critical_stretch is None else 'critical_stretch'}",
-                "breaks bonds, and no region has any. Remove it, or describe a region by peridynamics.",
-            )
-            for where, table in tables.values()
-            if table.can_fail
-        ]
-        return problems or _needs_failure(stepping, "finite elements do not break. Describe a region by peridynamics.")
-    bonded = [region for region in regions if region.model == "peridynamics"]
-    breakable = any(tables[region.material][1].can_fail for region in bonded if region.material in tables)
-    if not breakable and not any(interface.can_fail for interface in interfaces):
-        return _needs_failure(
-            stepping, "nothing says when bonds break. Give material.critical_stretch or material.fracture_energy."
-        )
-    if all(region.may_fail is False for region in bonded):
-        return [
-            Problem("regions", "with peridynamics all have may_fail = false: no bond can break. Let one of them fail.")
-        ]
-    return []
-
-
-def _needs_failure(stepping: Any, reason: str) -> list[Problem]:
-    if stepping.kind == "steps":
-        return []
-    return [Problem("stepping.kind", f"= {show(stepping.kind)} follows failure, and {reason}")]
-
-
-def check_stepping_solver(stepping: Any, solver: Solver) -> list[Problem]:
-    needed = {"ramp": "adr", "events": "cg"}.get(stepping.kind, solver.kind)
-    if solver.kind == needed:
-        return []
-    return [
-        Problem(
-            "solver.kind",
-            f"= {show(solver.kind)} does not go with stepping.kind = {show(stepping.kind)}, which "
-            + ("is relaxation" if needed == "adr" else "needs a solver for equilibrium")
-            + f'. Use "{needed}".',
-        )
-    ]
-
-
-def check_opening(stepping: Any, probes: Sequence[Any]) -> list[Problem]:
-    """The opening that is controlled is that of a probe."""
-    wanted = getattr(stepping, "opening", None)
-    names = [getattr(probe, "name", None) for probe in probes if getattr(probe, "kind", None) == "opening"]
-    if wanted is None or wanted in names or None in names:
-        return []
-    known = f" Those are {', '.join(names[:MOST_HINTS])}." if names else " There is none: add it to [[probes]]."
-    hint = did_you_mean(wanted, names) or known
-    return [Problem("stepping.opening", f'= {show(wanted)} is not the name of a probe of kind "opening".{hint}')]
-
-
-def check_formulas(stepping: Any, supports: Sequence[Any]) -> list[Problem]:
-    """What does not grow with the load factor alone is for programs that find equilibrium at given ones."""
-    if stepping.kind == "steps":
-        return []
-    return [
-        Problem(
-            f"supports.{index}",
-            f'follows the load factor f by a formula, and stepping.kind = "{stepping.kind}" scales states with it. '
-            'Leave f out, or use stepping.kind = "steps".',
-        )
-        for index, support in enumerate(supports)
-        if support.follows_factor
-    ]
-
-
-def check_something_loads(stepping: Any, loads: Sequence[Any], supports: Sequence[Support]) -> list[Problem]:
-    """Failure needs a load: a force, or a support that moves."""
-    amounts = [
-        component
-        for load in loads
-        if not getattr(load, "constant", False)
-        for vector in (getattr(load, "total", None), getattr(load, "density", None), getattr(load, "traction", None))
-        for component in vector or (getattr(load, "pressure", None),)
-    ] + [component for support in supports for component in (support.x, support.y, support.z)]
-    if stepping.kind == "steps" or any(amounts):
-        return []
-    return [
-        Problem(
-            "stepping.kind",
-            f"= {show(stepping.kind)} raises the load until bonds break, and nothing loads the body. "
-            "Add a table [[loads]], or a support that moves.",
-        )
-    ]

@@ -13,7 +13,7 @@ import functools
 from collections.abc import Callable
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pdfem_mpi.deck.cracks import AnyCrack
 from pdfem_mpi.deck.loads import (
@@ -52,17 +52,16 @@ from pdfem_mpi.deck.peridynamics import (
     check_fitted,
     check_volumetric,
 )
-from pdfem_mpi.deck.programs import (
-    Events,
-    Solver,
-    Stepping,
-    Steps,
+from pdfem_mpi.deck.program_checks import (
+    check_events_over_time,
     check_failure,
     check_formulas,
     check_opening,
+    check_softening,
     check_something_loads,
     check_stepping_solver,
 )
+from pdfem_mpi.deck.programs import Events, Solver, Stepping, Steps
 from pdfem_mpi.deck.regions import (
     Region,
     check_interfaces,
@@ -71,6 +70,7 @@ from pdfem_mpi.deck.regions import (
     check_region_names,
     has_model,
 )
+from pdfem_mpi.deck.softening import with_defaults
 from pdfem_mpi.deck.table import FieldMissing, Problem, Table, Units, key
 from pdfem_mpi.deck.temperatures import Temperature, check_temperature
 
@@ -103,6 +103,11 @@ class Scene(Table):
     probes: tuple[Probe, ...] = key(())
     output: Output = Field(default_factory=Output)
     checkpoint: Checkpoint = Field(default_factory=Checkpoint)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_in(cls, data: Any) -> Any:
+        return with_defaults(data)
 
     def problems(self) -> list[Problem]:
         """What ``CHECKS`` find between the tables."""
@@ -141,6 +146,11 @@ class Scene(Table):
         return any(entry.can_fail for entry in (self.material, *self.materials.values(), *self.interfaces))
 
     @property
+    def softens(self) -> bool:
+        """Whether the deck has bonds that soften before they break."""
+        return any(entry.softens for entry in (self.material, *self.materials.values(), *self.interfaces))
+
+    @property
     def is_coupled(self) -> bool:
         """Whether the scene has both descriptions."""
         return self.has_peridynamics and self.has_finite_elements
@@ -155,7 +165,9 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("mesh", "peridynamics", "regions"), check_cutoff),
     (("cracks", "regions"), check_cracks),
     (("material", "materials", "interfaces", "regions", "stepping"), check_failure),
+    (("material", "materials", "interfaces", "regions", "peridynamics", "stepping"), check_softening),
     (("stepping", "solver"), check_stepping_solver),
+    (("stepping", "peridynamics", "loads"), check_events_over_time),
     (("stepping", "probes"), check_opening),
     (("stepping", "supports"), check_formulas),
     (("stepping", "loads", "supports"), check_something_loads),

@@ -10,6 +10,7 @@ from pydantic.fields import FieldInfo
 
 from pdfem_mpi.deck.partial import Place, is_table, kind_of, models_of, unwrap, walk
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.softening import PAIR
 from pdfem_mpi.deck.table import Pair, Problem, Table, Vector, did_you_mean, show
 
 WORDS = {float: "a number", int: "a whole number", str: 'a text in quotes ("...")', bool: "true or false"}
@@ -132,6 +133,8 @@ def _words(annotation: Any) -> str:
         return choices[0] if len(choices) == 1 else "one of " + ", ".join(choices)
     if annotation == Vector:
         return "three numbers [x, y, z]"
+    if annotation == PAIR:
+        return "two numbers [opening, traction]"
     if annotation == Pair:
         return "two numbers"
     if origin is tuple:

@@ -16,9 +16,9 @@ def density(share: Share, load: BodyForce, cells: np.ndarray) -> np.ndarray:
     """Body force per volume on the chosen cells, (3,), model units. Collective."""
     units = share.units
     if load.density is not None:
-        return np.array(load.density) * (units.length / units.stress)
+        return units.numbers(np.array(load.density) * (units.length / units.stress))
     volumes = gauss_volumes(share.nodes[share.mesh.cells[cells[share.is_owned[cells]]]])
-    return np.array(load.total) / units.force / share.exact_sums([volumes])[0]
+    return units.numbers(np.array(load.total) / units.force / share.exact_sums([volumes])[0])
 
 
 def lump_on_nodes(share: Share, on_cells: np.ndarray, on_nodes: np.ndarray) -> None:

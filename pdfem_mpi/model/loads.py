@@ -202,7 +202,7 @@ def _sum_loads(scene: Scene, share: Share, messages: list[str], constant: bool):
             if isinstance(load, BodyForce):
                 on_cells[chosen.cells] += density(share, load, chosen.cells)
             elif isinstance(load, Force):
-                force = np.array(load.total) / share.units.force
+                force = share.units.numbers(np.array(load.total) / share.units.force)
                 on_nodes[chosen.nodes] += chosen.node_parts[:, None] * force
                 np.add.at(on_points, tuple(chosen.points.T), chosen.point_parts[:, None] * force)
             else:

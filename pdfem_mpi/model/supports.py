@@ -77,15 +77,16 @@ def prescribe(scene: Scene, share: Share, model: Model, messages: list[str]) -> 
                 continue
             of_points, of_nodes = (rows[:, d] for rows in places.unknowns(chosen))
             unknowns = np.concatenate([of_points, of_nodes])
+            units = share.units
             if isinstance(amount, str):
                 x = places.positions(chosen)
                 values = _of_formula(amount, x, 1.0)
                 messages += _not_finite(share, f"{where}.{AXES[d]}", amount, x, values)
-                values = values / share.units.length
+                values = units.numbers(values / units.length)
                 if support.follows_factor:
-                    following.append(Following(unknowns, amount, x, share.units.length))
+                    following.append(Following(unknowns, amount, x, units.length))
             else:
-                values = np.full(len(unknowns), amount / share.units.length)
+                values = np.full(len(unknowns), units.numbers(amount / units.length))
             sizes.append(float(largest(share.comm, np.array([np.abs(values).max(initial=0.0)]))[0]))
             messages += _out_of_planes(share, where, d, amount, mirrored[unknowns] & (values != 0.0))
             for rows, numbers, own in (

@@ -51,11 +51,11 @@ def traction_forces(share: Share, load: Traction | Pressure, chosen: ChosenFaces
     (whole,) = share.exact_sums([areas[share.is_owned[cells]]]).tolist()
     if isinstance(load, Pressure):
         size = np.sqrt(normals[:, 0] ** 2 + normals[:, 1] ** 2 + normals[:, 2] ** 2)
-        traction = normals * (-load.pressure / units.stress / size)[:, None]
+        traction = normals * (-units.numbers(load.pressure / units.stress) / size)[:, None]
     elif load.traction is not None:
-        traction = np.array(load.traction) / units.stress
+        traction = units.numbers(np.array(load.traction) / units.stress)
     else:
-        traction = np.array(load.total) / units.force / whole
+        traction = units.numbers(np.array(load.total) / units.force / whole)
     on_points = np.zeros((len(share.mesh.cells), 8, 3))
     if isinstance(load, Traction) and load.nodal == "equal":
         chosen_nodes = np.zeros(len(share.nodes), bool)

@@ -17,7 +17,7 @@ def cut_crack(share: Share, comm, points: Points, bonds: Bonds, crack: AnyCrack)
     """Cut the bonds that cross a crack of the deck or one of its mirror images; their number. Collective."""
     units = share.units
     polygon = crack.corners(*((corner * units.length + units.origin).tolist() for corner in (share.lower, share.upper)))
-    corners = (np.array(polygon) - units.origin) / units.length
+    corners = units.places(np.array(polygon))
     normal = np.array(polygon_normal(polygon)[0])
     reach = np.array([[-1.0], [1.0]]) * share.cutoff
     body = np.array([share.lower, share.upper]) + reach

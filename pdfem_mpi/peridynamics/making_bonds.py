@@ -20,6 +20,7 @@ from pdfem_mpi.peridynamics.fit.fit import BodyFit, fit_body
 from pdfem_mpi.peridynamics.gaps import with_gaps
 from pdfem_mpi.peridynamics.points import Points
 from pdfem_mpi.peridynamics.rows import find_bonds, within_bodies
+from pdfem_mpi.peridynamics.softened import make_softened
 from pdfem_mpi.peridynamics.surface_correction import appendix_a
 from pdfem_mpi.peridynamics.volumetric import volumetric_part, with_moments
 from pdfem_mpi.system.heap import large_arrays_together
@@ -63,7 +64,10 @@ def bonds_of_scene(
             bonds, remaining = make_bonds(*body, correction)
     if settings.stiffness_noise:
         bonds = perturbed(points, bonds, settings.stiffness_noise, settings.seed)
-    return with_moments(comm, points, bonds, share.materials), remaining, body_fit
+    bonds = with_moments(comm, points, bonds, share.materials)
+    if scene.softens:
+        bonds = replace(bonds, softened=make_softened(scene, share, bonds))
+    return bonds, remaining, body_fit
 
 
 def make_bonds(

@@ -127,7 +127,7 @@ class Simulation(Readings):
         Bonds beyond their critical stretch break until none is, whatever ``scene.stepping`` says.
         """
         solver = self.solver or self.prepare_solver()
-        # the steps before were taken already, whatever their load factors were
+        # the program counts the steps taken before, whose load factors do not matter any more
         factors = (*(0.0,) * self.state.step, float(load_factor))
         settings = Steps.model_construct(kind="steps", load_factors=factors)
         (report,) = follow_steps(settings, solver, self.failure, self.state, self.case, watch)

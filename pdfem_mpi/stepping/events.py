@@ -20,7 +20,8 @@ from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.stepping import arrest
 from pdfem_mpi.stepping.avalanche import Avalanche
 from pdfem_mpi.stepping.equilibria import BRACKET, bracket, equilibrate, scale, small_load
-from pdfem_mpi.stepping.ledger import NUMBERS, Ledger
+from pdfem_mpi.stepping.ledger import NUMBERS, Ledger, remember_peak
+from pdfem_mpi.stepping.legs import follow_legs
 from pdfem_mpi.stepping.report import Report
 
 #: The first equilibrium is at least this tight: the load of the first break is read from it.
@@ -52,7 +53,11 @@ def follow_events(
     program = state.program
     while True:
         if program["stable"]:
-            goes_on = _load_to_break(avalanche)
+            if settings.times is not None:
+                yield from follow_legs(avalanche)
+                goes_on = program["leg"] < len(settings.legs)
+            else:
+                goes_on = _load_to_break(avalanche)
             program["stable"] = 0.0
             if not goes_on:
                 yield ledger.row("end")
@@ -137,6 +142,8 @@ def _load_to_break(avalanche: Avalanche) -> bool:
         return True
     ratio = ledger.forces.largest_ratio(ledger.failure)
     if ratio == 0.0:
+        if ledger.carries_little():  # apart since the relaxation: nothing is left to stretch
+            return False
         raise NotConverged("the load stretches no bond that may break. Load the body otherwise.")
     limit = math.inf if settings.end_load_factor is None else settings.end_load_factor
     excess = _excess(ledger)
@@ -159,5 +166,5 @@ def _load_to_break(avalanche: Avalanche) -> bool:
             return True
     if ledger.carries_little():
         return False
-    program["peak"] = max(program["peak"], program["reaction"])
+    remember_peak(ledger)
     return True

@@ -22,13 +22,14 @@ from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.convergence import Convergence
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.stepping import arrest
-from pdfem_mpi.stepping.report import Report, Reporter, reaction, support_resultants
+from pdfem_mpi.stepping.report import Report, Reporter, displacement, reaction, support_resultants
 from pdfem_mpi.stepping.steps import break_bonds
 
 #: What ``state.program`` keeps.
 NUMBERS = (
     "work", "released", "peak", "stable", "batches", "relative", "reaction", "sweeps", "told_sweeps", "size", "adrift",
-    "cuts", "apart", "fragments", "fresh", *arrest.NUMBERS,
+    "cuts", "apart", "fragments", "fresh", "leg", "first_reaction", "first_displacement", "first_row",
+    "peak_displacement", "peak_row", *arrest.NUMBERS,
 )  # fmt: skip
 
 
@@ -41,7 +42,8 @@ class Ledger:
     stable; how often in a row something went ``adrift`` without breaking a bond, and steps were ``cuts``; whether the
     body came ``apart`` under a constant force; whether parts ran away under their own loads before, so that such
     ``fragments`` are looked for; and whether the last batch broke bonds, loads were taken off since or a step was cut
-    (``fresh``). Under opening control also the largest ``opening`` so far.
+    (``fresh``). Under opening control also the largest ``opening`` so far; and the reaction, displacement and row where
+    the ``first`` bond is about to break and at the ``peak``.
     """
 
     def __init__(
@@ -101,6 +103,7 @@ class Ledger:
         broke = 0
         if breaking:
             broke = break_bonds(self.solve, self.failure, state, external, self.settings.eta, self.residual)
+            program["released"] += self.failure.take_excess()
         else:
             self.forces.evaluate_surely(state.u, external, self.residual)
         resultants = support_resultants(self.forces, case, self.residual)
@@ -181,3 +184,18 @@ def last_breaks(ledger: Ledger) -> str:
     low, high = failure.last_extent * units.length + units.origin
     sides = (f"[{a:.6g}, {b:.6g}]" for a, b in zip(low, high, strict=True))
     return f"The last bonds broke in {' x '.join(sides)}."
+
+
+def remember_peak(ledger: Ledger) -> None:
+    """Book a state in which the next bond is about to break, if it is the first or has the largest reaction."""
+    program, state = ledger.state.program, ledger.state
+    names = [] if program["first_row"] else ["first"]
+    if program["reaction"] > program["peak"]:
+        program["peak"] = program["reaction"]
+        names.append("peak")
+    if names:
+        reached = displacement(ledger.forces, ledger.whole, state)
+    for name in names:
+        program[f"{name}_displacement"], program[f"{name}_row"] = reached, state.step + 1.0
+        if name == "first":
+            program["first_reaction"] = program["reaction"]

@@ -28,7 +28,8 @@ class Report:
         From 1.
     event : str
         ``"step"``; of a ramp ``"ramp"`` and ``"end"``; of events ``"critical"`` (in equilibrium, the next bond is about
-        to break), ``"batch"`` (within an avalanche), ``"arrest"`` (in equilibrium again) and ``"end"``.
+        to break), ``"batch"`` (within an avalanche), ``"arrest"`` (in equilibrium again), ``"turn"`` (where the way of
+        the load turns) and ``"end"``.
     load_factor : float
     displacement : float, dimension length
         Largest prescribed displacement or, under forces alone, their work over ``case.load``.
@@ -54,6 +55,8 @@ class Report:
         Pseudo-time of a program that has one.
     seconds : float
         Since the row before.
+    softened : int or None
+        Bonds that have softened and are not gone; None where none can.
     """
 
     step: int
@@ -76,6 +79,7 @@ class Report:
     elements: Deformation | None
     time: float | None
     seconds: float
+    softened: int | None = None
 
     @property
     def ledger_error(self) -> float | None:
@@ -157,6 +161,7 @@ class Reporter:
             elements=elements,
             time=state.program.get("time"),
             seconds=now - state.began,
+            softened=getattr(failure, "soft", None),
         )
         state.program["told_broken"], state.began = broken, now
         return row

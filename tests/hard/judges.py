@@ -125,10 +125,9 @@ def probe(name: str, value: float, tolerance: float) -> Judge:
     return compared(measure, tolerance)
 
 
-def same_as_other(tolerance: float, length: float = 1.0, force: float = 1.0, events: bool = True) -> Judge:
-    """Probes and last row (load, displacement, reaction, broken bonds) of the case `against`, in other units.
-
-    As many events, too, unless what counts as one hangs on round-off.
+def same_as_other(tolerance: float, length: float = 1.0, force: float = 1.0) -> Judge:
+    """Probes, number of rows and last row (load, displacement, reaction, broken bonds) of the case `against`, in other
+    units.
     """
 
     def measure(scene, outcome, others):
@@ -142,8 +141,7 @@ def same_as_other(tolerance: float, length: float = 1.0, force: float = 1.0, eve
         for name, unit in units.items():
             if then.get(name):
                 errors.append(abs(last[name] / (unit * then[name]) - 1.0))
-        if events:
-            errors.append(float(len(outcome.history) != len(other.history)))
+        errors.append(float(len(outcome.history) != len(other.history)))
         return f"largest difference {max(errors):.1e}", max(errors)
 
     return compared(measure, tolerance)
@@ -175,6 +173,37 @@ def broken(ledger: float | None = 1e-9, **limits: float) -> Judge:
         return got + where, max(errors, default=0.0) * (ledger or 1.0)
 
     return compared(measure, ledger or 1.0)
+
+
+def softened(ledger: float = 1e-9, mirror: float | None = None) -> Judge:
+    """Bonds softened, with a ledger that closes; gone bonds are mirror images about x = ``mirror``."""
+
+    def measure(scene, outcome, others):
+        last = outcome.history[-1]
+        errors = [0.0 if last["softened_bonds"] + last["broken_bonds"] > 0 else np.inf]
+        errors += [abs(row["ledger_error"]) / ledger for row in outcome.history]
+        if mirror is not None:
+            gone = [row for row in outcome.history if row["broken_bonds"]]
+            errors += [abs(row["crack_x_min"] + row["crack_x_max"] - 2.0 * mirror) / 1e-9 for row in gone]
+        counts = f"{int(last['broken_bonds']):,} bonds gone, {int(last['softened_bonds']):,} softened"
+        return f"{last['event']} at load factor {last['load_factor']:.6g}, {counts}", max(errors) * ledger
+
+    return compared(measure, ledger)
+
+
+def snaps_back(ledger: float = 1e-9) -> Judge:
+    """Past its peak load the displacement falls, too, by a twentieth at least."""
+
+    def measure(scene, outcome, others):
+        rows = [row for row in outcome.history if row["event"] == "critical"]
+        peak = max(range(len(rows)), key=lambda k: rows[k]["reaction"])
+        least = min(row["displacement"] for row in rows[peak:])
+        errors = [abs(row["ledger_error"]) / ledger for row in outcome.history]
+        errors.append(0.0 if least < 0.95 * rows[peak]["displacement"] else np.inf)
+        text = f"peak at {rows[peak]['displacement']:.4g}, then back to {least:.4g}"
+        return text, max(errors) * ledger
+
+    return compared(measure, ledger)
 
 
 def follows_opening(name: str, fall: float, ledger: float) -> Judge:

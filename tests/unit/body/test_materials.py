@@ -117,9 +117,10 @@ def test_critical_stretches_by_region():
     """Infinity where a material does not fail, and where a region may not."""
     scene = scene_of(2.0, other=Material(youngs_modulus=2000.0, critical_stretch=0.01))
     body = local_share(scene)
-    np.testing.assert_array_equal(critical_stretches(scene, body), [[UNBREAKABLE, UNBREAKABLE], [UNBREAKABLE, 0.01]])
+    own = body.units.numbers(0.01)
+    np.testing.assert_array_equal(critical_stretches(scene, body), [[UNBREAKABLE, UNBREAKABLE], [UNBREAKABLE, own]])
     stiff = scene_of(0.5, other=Material(youngs_modulus=500.0, critical_stretch=0.01))
-    np.testing.assert_array_equal(critical_stretches(stiff, body), [[UNBREAKABLE, 0.01], [0.01, 0.01]])
+    np.testing.assert_array_equal(critical_stretches(stiff, body), [[UNBREAKABLE, own], [own, own]])
     held = tuple(r.model_copy(update={"may_fail": r.name != "second"}) for r in stiff.regions)
     assert (critical_stretches(stiff.model_copy(update={"regions": held}), body) == UNBREAKABLE).all()
 
