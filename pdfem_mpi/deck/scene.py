@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
+from pdfem_mpi.deck.failure_checks import check_failure, check_softening
 from pdfem_mpi.deck.loads import (
     Load,
     Support,
@@ -58,8 +59,6 @@ from pdfem_mpi.deck.programs import (
     Stepping,
     Steps,
     check_events_over_time,
-    check_failure,
-    check_softening,
     check_something_loads,
     check_stepping_solver,
 )

@@ -166,15 +166,9 @@ class BondForces:
         else:
             sweep = bond_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None]
             self.swept.add(bond_sweeps.NAMES[sweep])
-            shared += self._failing(failure, margin)
+            shared += _records(failure, self.bonds.finite, margin)
         self._call(sweep, len(rows.start) - 1, shared, failure, halo)
         met[0] = max(met[0], extremes[0], -extremes[1])
-
-    def _failing(self, failure: Failure | None, margin: float) -> tuple:
-        """What sweeps that may break bonds take besides."""
-        if failure is None:
-            return NOTHING_FAILS
-        return failure.class_of, *failure.limits(self.bonds.finite, margin), *failure.records
 
     def _call(self, sweep: Callable, n_points: int, shared: tuple, failure=None, halo=None) -> None:
         """Call a sweep over all points in pieces, book what broke in each, and let messages progress."""
@@ -186,6 +180,13 @@ class BondForces:
                     failure.book(self.points, self.bonds, self.S)
             if halo is not None:
                 halo.test()
+
+
+def _records(failure: Failure | None, finite: bool, margin: float) -> tuple:
+    """What sweeps that may break bonds take besides."""
+    if failure is None:
+        return NOTHING_FAILS
+    return failure.class_of, *failure.limits(finite, margin), *failure.records
 
 
 def add_softened(forces: BondForces, failure: Failure | None, margin: float, met: np.ndarray) -> None:
