@@ -21,6 +21,7 @@ from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import NotWritten, broadcast, on_root_beating
 from pdfem_mpi.peridynamics.failure import Failure
+from pdfem_mpi.results.checkpoint_files import FORMAT
 from pdfem_mpi.results.cursor import free_name
 from pdfem_mpi.runs.identity import identity, sha256
 from pdfem_mpi.runs.tables import make_layout, total_broken, write_tables
@@ -108,8 +109,6 @@ class CheckpointWriter:
         self._failures, self._number = 0, 0
         self.good: tuple[State, CheckpointContents] | None = None
         if self.comm.rank == 0:
-            from pdfem_mpi.results.checkpoint import FORMAT
-
             keys = identity(scene, share)
             self._fixed = {
                 "program": "pdfem_mpi",
