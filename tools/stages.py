@@ -60,14 +60,22 @@ def pytest(report: str, *arguments: str) -> list[str]:
     return [*PYTEST, f"--junitxml={REPORTS / report}", *arguments]
 
 
-def mpi_stage(ranks: int, seconds: float, selection: str, *tests: str) -> Stage:
-    """Return the stage of MPI tests on some ranks; the shell puts the rank into the report's name."""
+def on_ranks(ranks: int, report: Path, *program: str) -> tuple[list[str], dict[str, str]]:
+    """Return a command that runs pytest on some ranks, and what it adds to the environment.
+
+    Each rank writes its report, ``REPORT.RANK.xml``.
+    """
     command, additions = launch.mpirun_command(ranks)
+    shell = ["/bin/sh", "-c", f'exec "$@" "--junitxml=$0.{RANK}.xml"', str(report)]
+    return [*command, *shell, *program], additions
+
+
+def mpi_stage(ranks: int, seconds: float, selection: str, *tests: str) -> Stage:
+    """Return the stage of MPI tests on some ranks."""
     name = f"mpi-{ranks}"
     reports = [REPORTS / f"{name}.{rank}.xml" for rank in range(ranks)]
-    shell = ["/bin/sh", "-c", f'exec "$@" "--junitxml=$0.{RANK}.xml"', str(REPORTS / name)]
-    program = [*PYTEST, "--only-mpi", "-m", selection, *tests]
-    return Stage(name, [[*command, *shell, *program]], seconds, reports, additions)
+    command, additions = on_ranks(ranks, REPORTS / name, *PYTEST, "--only-mpi", "-m", selection, *tests)
+    return Stage(name, [command], seconds, reports, additions)
 
 
 def stages(include_slow: bool) -> list[Stage]:

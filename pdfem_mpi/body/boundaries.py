@@ -151,7 +151,7 @@ def skewed_corners(discretization: Discretization, boundary: Boundary) -> np.nda
     skewed = np.flatnonzero(discretization.has_points & (angle.max(axis=1) > SQUARE))
     if not len(skewed) or not len(corners):
         return np.empty(0, np.int64)
-    centres = (mesh.centroids - discretization.units.origin) / discretization.units.length
+    centres = discretization.units.places(mesh.centroids)
     reach = discretization.cutoff + float(length.max())
     near, _ = cKDTree(centres[skewed]).query(centres[corners], distance_upper_bound=reach)
     return corners[np.isfinite(near)]

@@ -6,7 +6,7 @@ peridynamic cell. It ends in this folder: what a rank keeps of it is its `share.
 **Model units.** Lengths are in units of the internal length ``l`` (without peridynamics: of the mean edge), measured
 from the centre of the bounding box, stresses in units of the default material's Young's modulus. Numbers stored in
 single precision then do not depend on the deck's units, and a body far from the origin loses nothing after this
-subtraction.
+subtraction (`model_units`).
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ import numpy as np
 from pdfem_mpi.body.fitted_bodies import FittedBodies, find_fitted_bodies, same_bonds
 from pdfem_mpi.body.materials import MaterialTable, material_table
 from pdfem_mpi.body.meshing import check_folded, describe_folded, make_mesh
-from pdfem_mpi.body.model_units import ModelUnits
+from pdfem_mpi.body.model_units import ModelUnits, quantum_for
 from pdfem_mpi.body.overlap import check_cracks, check_joints, check_overlap_materials, find_overlap
 from pdfem_mpi.body.regions import assign_regions
-from pdfem_mpi.deck.materials import PERIDYNAMIC_POISSONS_RATIO
 from pdfem_mpi.deck.meshes import FileMesh, PlateWithHoleMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
@@ -184,7 +183,7 @@ def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None
     ------
     SceneError
         Cells inside out, regions that overlap or leave cells out, an empty region, an overlap that does not fit or
-        whose material cannot have bonds, bodies that cannot be fitted.
+        where two Poisson's ratios meet, bodies that cannot be fitted.
     """
     mesh = make_mesh(scene) if mesh is None else mesh
     quality = _measure(mesh, comm)
@@ -197,17 +196,15 @@ def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None
     is_overlap, has_points = bodies.is_overlap, bodies.number >= 0
     report_progress()
     check_folded(mesh, quality, has_points)
-    cannot_bond = materials.poissons_ratio != PERIDYNAMIC_POISSONS_RATIO
-    check_overlap_materials(scene, mesh, region, is_overlap & cannot_bond[material])
+    check_overlap_materials(scene, mesh, region, materials.poissons_ratio[material], is_overlap, has_points)
     keeps_both = scene.coupling.kind == "paper_a"
     has_stiffness = ~peridynamic & (keeps_both | ~is_overlap)
 
+    length, cutoff_radius, quantum = mesh.mean_edge, 0.0, 0.0
     if has_points.any():
         length, cutoff_radius = scene.peridynamics.lengths(_cell_edge(scene, mesh))
-        cutoff = cutoff_radius / length * (1.0 + CUTOFF_GUARD)
-    else:
-        length, cutoff = mesh.mean_edge, 0.0
-    units = ModelUnits(length, scene.material.youngs_modulus, 0.5 * (mesh.lower + mesh.upper))
+        quantum = quantum_for(mesh.lower, mesh.upper, length) if scene.can_fail else 0.0
+    units = ModelUnits(length, scene.material.youngs_modulus, 0.5 * (mesh.lower + mesh.upper), quantum)
 
     carries = np.zeros(len(mesh.nodes), bool)
     carries[mesh.cells[has_stiffness | is_overlap]] = True
@@ -215,10 +212,10 @@ def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None
         mesh=mesh,
         quality=quality,
         units=units,
-        nodes=(mesh.nodes - units.origin) / length,
+        nodes=units.places(mesh.nodes),
         region=region,
         material=material,
-        materials=materials,
+        materials=materials.rounded(units),
         is_peridynamic=peridynamic,
         has_points=has_points,
         is_overlap=is_overlap,
@@ -226,8 +223,8 @@ def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None
         thin=bodies.thin,
         has_stiffness=has_stiffness,
         carries=carries,
-        cutoff=cutoff,
-        mirrors=mirrors_at(scene.mesh.symmetry, *(np.array([mesh.lower, mesh.upper]) - units.origin) / length),
+        cutoff=units.numbers(cutoff_radius / length) * (1.0 + CUTOFF_GUARD),
+        mirrors=mirrors_at(scene.mesh.symmetry, *units.places(np.array([mesh.lower, mesh.upper]))),
         has_cycle=scene.has_cycle,
     )
 
@@ -280,7 +277,9 @@ def _cell_edge(scene: Scene, mesh: HexMesh) -> float:
     """The paper's Delta: graded cells of a plate are "approximately" as wide as its spacing (sec. 4.2)."""
     if isinstance(scene.mesh, FileMesh):
         return mesh.average_edge if scene.mesh.spacing is None else scene.mesh.spacing
-    return scene.mesh.spacing if isinstance(scene.mesh, PlateWithHoleMesh) else mesh.largest_edge
+    if isinstance(scene.mesh, PlateWithHoleMesh) or scene.can_fail:
+        return scene.mesh.spacing  # of a box within 1e-6, and no difference of places far from the origin
+    return mesh.largest_edge
 
 
 def _number(chosen: np.ndarray) -> np.ndarray:

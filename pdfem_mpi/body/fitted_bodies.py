@@ -77,7 +77,7 @@ def find_fitted_bodies(
 
 def same_bonds(materials: MaterialTable) -> np.ndarray:
     """Number the materials so that those between which all bonds are alike have the same; int, shape (n_materials,)."""
-    modulus, nu = materials.youngs_modulus, materials.poissons_ratio
+    modulus, nu = materials.own_bond_modulus, materials.poissons_ratio
     alike = (modulus[:, None] == modulus) & (nu[:, None] == nu) & (materials.bond_modulus == modulus)
     alike &= alike.T
     number = np.arange(len(modulus))

@@ -6,10 +6,11 @@ come the tables ``[materials.NAME]``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.deck.materials import DEFAULT_MATERIAL, Material
 from pdfem_mpi.deck.scene import Scene
 
@@ -25,13 +26,24 @@ class MaterialTable:
         1 for the default material.
     poissons_ratio : float64, shape (n_materials,), dimension 1
     bond_modulus : float64, shape (n_materials, n_materials), dimension stress
-        Young's modulus in the response constant of the bonds between two materials; symmetric.
+        Young's modulus, at a Poisson's ratio of 1/4 and the same shear modulus, in the response constant of the bonds
+        between two materials; symmetric.
     """
 
     names: tuple[str, ...]
     youngs_modulus: np.ndarray
     poissons_ratio: np.ndarray
     bond_modulus: np.ndarray
+
+    @property
+    def own_bond_modulus(self) -> np.ndarray:
+        """``bond_modulus`` within each material, which is its Young's modulus at a Poisson's ratio of 1/4."""
+        return np.diag(self.bond_modulus)
+
+    def rounded(self, units: ModelUnits) -> MaterialTable:
+        """The same without digits that hang on the deck's units, if these are rounded."""
+        moduli = {name: units.numbers(getattr(self, name)) for name in ("youngs_modulus", "bond_modulus")}
+        return replace(self, **moduli)
 
 
 def materials_of(scene: Scene) -> dict[str, Material]:
@@ -42,8 +54,8 @@ def materials_of(scene: Scene) -> dict[str, Material]:
 def bond_materials(scene: Scene) -> tuple[tuple[tuple[Material, ...], ...], ...]:
     """The materials whose properties hold for the bonds between materials a and b (sec. 2.1, Fig. 6).
 
-    That of the side with the smaller bulk modulus, with what the deck's table of the interface gives in the place of
-    its own. Two sides of equal bulk modulus both hold: they have one response, and the weaker decides when it ends.
+    That of the side with the smaller shear modulus, with what the deck's table of the interface gives in the place of
+    its own. Two sides of equal shear modulus both hold: they have one response, and the weaker decides when it ends.
 
     Returns
     -------
@@ -55,12 +67,12 @@ def bond_materials(scene: Scene) -> tuple[tuple[tuple[Material, ...], ...], ...]
 
     def holding(a: str, b: str) -> tuple[Material, ...]:
         sides = [materials[name] for name in materials if name in (a, b)]
-        softest = min(side.bulk_modulus for side in sides)
+        softest = min(side.modulus_of_bonds for side in sides)
         interface = given.get(frozenset((a, b)))
         own = {} if interface is None else interface.model_dump(exclude={"between"}, exclude_none=True)
         if interface is not None and interface.can_fail:
             own = {"critical_stretch": None, "fracture_energy": None} | own
-        return tuple(side.model_copy(update=own) for side in sides if side.bulk_modulus == softest)
+        return tuple(side.model_copy(update=own) for side in sides if side.modulus_of_bonds == softest)
 
     return tuple(tuple(holding(a, b) for b in materials) for a in materials)
 
@@ -73,7 +85,7 @@ def material_table(scene: Scene) -> MaterialTable:
         names=tuple(materials),
         youngs_modulus=np.array([material.youngs_modulus for material in materials.values()]) / unit,
         poissons_ratio=np.array([material.poissons_ratio for material in materials.values()]),
-        bond_modulus=np.array([[of_bond[0].youngs_modulus for of_bond in row] for row in bond_materials(scene)]) / unit,
+        bond_modulus=np.array([[sides[0].modulus_of_bonds for sides in row] for row in bond_materials(scene)]) / unit,
     )
 
 

@@ -23,17 +23,25 @@ if TYPE_CHECKING:
 _POINT_EDGES = np.array([(a, b) for a in range(8) for b in range(a) if (GAUSS_POINTS[a] != GAUSS_POINTS[b]).sum() == 1])
 
 
-def check_overlap_materials(scene: Scene, mesh: HexMesh, region: np.ndarray, wrong: np.ndarray) -> None:
-    """Refuse cells of the overlap whose material cannot have bonds."""
+def check_overlap_materials(
+    scene: Scene, mesh: HexMesh, region: np.ndarray, nu: np.ndarray, is_overlap: np.ndarray, has_points: np.ndarray
+) -> None:
+    """Refuse cells of the overlap beside cells with bonds of another Poisson's ratio, ``nu`` of every cell."""
+    wrong = np.zeros(len(nu), bool)
+    for ratio in np.unique(nu[has_points]):
+        wrong |= is_overlap & (nu != ratio) & mesh.neighbours(has_points & (nu == ratio))
     messages = []
     for index in np.unique(region[wrong]):
         entry = scene.regions[index]
         cells = wrong & (region == index)
+        ratio = nu[cells][0]
+        beside = np.unique(nu[has_points & mesh.neighbours(cells)])
+        others = ", ".join(f"{other:g}" for other in beside if other != ratio)
         messages.append(
-            f"regions.{entry.name}.material has another Poisson's ratio than 1/4, and {np.count_nonzero(cells)} of its "
-            f"cells are in the overlap, where points share bonds, the first {list_cells(mesh, cells)}. Put a region of "
-            f"finite elements with Poisson's ratio 0.25, at least coupling.overlap = {scene.coupling.overlap} cells "
-            "deep, between it and peridynamics."
+            f"regions.{entry.name}.material has a Poisson's ratio of {ratio:g}, and {np.count_nonzero(cells)} of its "
+            f"cells are in the overlap beside cells with bonds of {others}, the first {list_cells(mesh, cells)}: an "
+            "overlap needs the same on both sides. Put a region of finite elements with the ratio of the bonds, at "
+            f"least coupling.overlap = {scene.coupling.overlap} cells deep, between them."
         )
     if messages:
         raise SceneError(messages)

@@ -1,4 +1,4 @@
-"""The places of the body that the loads and supports of a deck speak of."""
+"""The places of the body that the loads, the supports and the probes of a deck speak of."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.loads import Traction
+from pdfem_mpi.deck.mechanical_probes import SetProbe
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.mesh import named_sets
@@ -64,8 +65,8 @@ class Selections:
     Attributes
     ----------
     loads : tuple of ChosenFaces or ChosenPlaces, or None where nothing could be chosen
-    supports : tuple of ChosenPlaces, or None
-    problems_of_loads, problems_of_supports : tuple of tuples of str
+    supports, probes : tuple of ChosenPlaces, or None
+    problems_of_loads, problems_of_supports, problems_of_probes : tuple of tuples of str
         Of each of them.
     """
 
@@ -73,27 +74,30 @@ class Selections:
     supports: tuple[ChosenPlaces | None, ...]
     problems_of_loads: tuple[tuple[str, ...], ...]
     problems_of_supports: tuple[tuple[str, ...], ...]
+    probes: tuple[ChosenPlaces | None, ...] = ()
+    problems_of_probes: tuple[tuple[str, ...], ...] = ()
 
     def part(self, mesh: MeshPart) -> Selections:
         """The same on a part of the mesh, by the places there."""
-        loads, supports = (
-            tuple(chosen and chosen.part(mesh) for chosen in kind) for kind in (self.loads, self.supports)
+        loads, supports, probes = (
+            tuple(chosen and chosen.part(mesh) for chosen in kind) for kind in (self.loads, self.supports, self.probes)
         )
-        return replace(self, loads=loads, supports=supports)
+        return replace(self, loads=loads, supports=supports, probes=probes)
 
 
 def select_places(scene: Scene, discretization: Discretization) -> Selections:
-    """Find what the loads and supports of the deck speak of."""
+    """Find what the loads, the supports and the probes of sets of the deck speak of."""
     names = [region.name for region in scene.regions]
-    found: dict[str, list] = {"loads": [], "supports": []}
-    problems: dict[str, list] = {"loads": [], "supports": []}
-    for kind, entries in (("loads", scene.loads), ("supports", scene.supports)):
+    sets = [probe if isinstance(probe, SetProbe) else None for probe in scene.probes]
+    found: dict[str, list] = {"loads": [], "supports": [], "probes": []}
+    problems: dict[str, list] = {"loads": [], "supports": [], "probes": []}
+    for kind, entries in (("loads", scene.loads), ("supports", scene.supports), ("probes", sets)):
         for index, entry in enumerate(entries):
             chosen, messages = None, ()
             try:
                 if isinstance(entry, Traction):
                     chosen = _select_faces(discretization, entry, f"{kind}.{index}")
-                else:
+                elif entry is not None:
                     cells = _select_cells(discretization, entry, f"{kind}.{index}", names)
                     nodes = np.zeros(0, bool)
                     if kind == "supports":
@@ -103,9 +107,8 @@ def select_places(scene: Scene, discretization: Discretization) -> Selections:
                 messages = error.messages
             found[kind].append(chosen)
             problems[kind].append(tuple(messages))
-    return Selections(
-        tuple(found["loads"]), tuple(found["supports"]), tuple(problems["loads"]), tuple(problems["supports"])
-    )
+    chosen, wrong = ([tuple(table[kind]) for kind in found] for table in (found, problems))
+    return Selections(chosen[0], chosen[1], wrong[0], wrong[1], chosen[2], wrong[2])
 
 
 def _select_cells(discretization: Discretization, entry, where: str, names: list[str]) -> np.ndarray:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pdfem_mpi.body.boundaries import Boundaries
+from pdfem_mpi.body.counts import Counts, count
 from pdfem_mpi.body.discretization import Discretization, discretize
 from pdfem_mpi.body.materials import MaterialTable
 from pdfem_mpi.body.model_units import ModelUnits
@@ -43,21 +44,6 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Counts:
-    """Sizes of the whole body: all cells, cells with points, with free points, elements, overlap; nodes in use."""
-
-    cells: int
-    point_cells: int
-    free_cells: int
-    elements: int
-    overlap_cells: int
-    node_cells: int
-    nodes: int
-    mesh_nodes: int
-    bodies: int
-
-
-@dataclass(frozen=True)
 class Share:
     """What a rank knows of the body. Rows of arrays are the cells and nodes of ``mesh``, which has their numbers.
 
@@ -69,17 +55,16 @@ class Share:
     subdomain : Subdomain
         Of places among the share's cells and nodes.
     cell_owner : int32, shape (n_cells,)
-    units : ModelUnits
+    units, materials : ModelUnits, MaterialTable
     nodes : float64, shape (n_nodes, 3)
     lower, upper : float64, shape (3,)
         Positions in model units, and corners of the whole body's box.
     region, material : int16, shape (n_cells,)
-    materials : MaterialTable
     is_peridynamic, has_points, is_overlap, has_stiffness : bool, shape (n_cells,)
         As in `Discretization`.
     body : int32, shape (n_cells,)
-    point_row : int64, shape (n_cells,)
-        Number of a cell among the cells with points of the whole body, by which result files are ordered; else -1.
+    point_row, element_row : int64, shape (n_cells,)
+        Number of a cell among those with points, or with nodes, of the whole body, as in result files; else -1.
     free_row : int64, shape (n_cells,)
         The same among the cells with free points, by which checkpoints are ordered.
     node_row : int64, shape (n_nodes,)
@@ -102,7 +87,7 @@ class Share:
     mesh_sha256, body_sha256 : str
         Of the mesh's content, and of nodes, cells and regions in model units.
     selections : Selections
-        Where the deck's loads and supports act.
+        Where the deck's loads and supports act, and what its probes of sets read.
     boundaries : Boundaries or None
         What the fit of bond factors asks of the body, where the deck wants one.
     """
@@ -125,6 +110,7 @@ class Share:
     body: np.ndarray
     point_row: np.ndarray
     free_row: np.ndarray
+    element_row: np.ndarray
     node_row: np.ndarray
     cutoff: float
     mirrors: Mirrors
@@ -227,7 +213,7 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
     seen = whole.mesh.neighbours(owner == comm.rank)
     seen[numbers.ghosts] = True
     mesh = take_part(whole.mesh, seen)
-    centred = (np.array([whole.mesh.lower, whole.mesh.upper]) - whole.units.origin) / whole.units.length
+    centred = whole.units.places(np.array([whole.mesh.lower, whole.mesh.upper]))
 
     def of_cells(values: np.ndarray) -> np.ndarray:
         return values if len(mesh.cells) == len(values) else values[seen]
@@ -254,11 +240,12 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
         body=of_cells(whole.body),
         point_row=of_cells(whole.point_row),
         free_row=of_cells(whole.free_row),
+        element_row=of_cells(np.where(whole.has_nodes, np.cumsum(whole.has_nodes) - 1, -1)),
         node_row=of_nodes(whole.node_row),
         cutoff=whole.cutoff,
         mirrors=whole.mirrors,
         reflections=whole.reflections,
-        counts=_count(whole),
+        counts=count(whole),
         typical_edge=_typical_edge(whole),
         joint_regions=np.unique(whole.region[whole.is_peridynamic & whole.is_overlap]),
         overlap_regions=np.unique(whole.region[whole.is_overlap]),
@@ -278,20 +265,6 @@ def _by_places(numbers: Subdomain, mesh: MeshPart) -> Subdomain:
              ("free", "overlap", "ghosts", "images", "elements")}  # fmt: skip
     nodes = {name: mesh.places_of_nodes(getattr(numbers, name)) for name in ("owned_nodes", "ghost_nodes")}
     return replace(numbers, **cells, **nodes)
-
-
-def _count(whole: Discretization) -> Counts:
-    return Counts(
-        cells=len(whole.mesh.cells),
-        point_cells=whole.n_point_cells,
-        free_cells=int(np.count_nonzero(whole.has_points & ~whole.is_overlap)),
-        elements=int(np.count_nonzero(whole.has_stiffness)),
-        overlap_cells=int(np.count_nonzero(whole.is_overlap)),
-        node_cells=int(np.count_nonzero(whole.has_nodes)),
-        nodes=whole.n_nodes,
-        mesh_nodes=len(whole.mesh.nodes),
-        bodies=whole.n_bodies,
-    )
 
 
 def _typical_edge(whole: Discretization) -> float:

@@ -130,7 +130,7 @@ def partition(discretization: Discretization, n_parts: int, neighbours: np.ndarr
 
 def _centroids(discretization: Discretization) -> np.ndarray:
     """Of all cells, model units."""
-    return (discretization.mesh.centroids - discretization.units.origin) / discretization.units.length
+    return discretization.units.places(discretization.mesh.centroids)
 
 
 def cut_out(discretization: Discretization, owner: np.ndarray, rank: int) -> Subdomain:

@@ -13,7 +13,7 @@ from pdfem_mpi.deck.regions import Region, has_model
 from pdfem_mpi.deck.table import MOST_HINTS, Face, Problem, Table, Vector, did_you_mean, key, show
 
 
-class _Selection(Table):
+class Selection(Table):
     """Cells chosen by one of: a region, layers beneath a face of the bounding box, a named set of the file, a box."""
 
     region: str | None = key(None)
@@ -49,7 +49,7 @@ def _one_of(table: BaseModel, *names: str) -> list[Problem]:
     return [Problem("", f"must have either {' or '.join(names)}, and has {has}. Keep one.")]
 
 
-class BodyForce(_Selection):
+class BodyForce(Selection):
     """Force per volume on cells (b of eq. 1); a ``[[loads]]`` table with ``kind = "body_force"``.
 
     Attributes
@@ -102,7 +102,7 @@ class Traction(Table):
 Load = Annotated[BodyForce | Traction, Field(discriminator="kind")]
 
 
-class Support(_Selection):
+class Support(Selection):
     """Prescribed displacement components; deck tables ``[[supports]]``.
 
     Attributes
@@ -127,14 +127,15 @@ class Support(_Selection):
 
 
 def check_references(regions: Sequence[Region], loads: Sequence[Any]) -> list[Problem]:
-    return _unknown_regions("loads", regions, loads)
+    return unknown_regions("loads", regions, loads)
 
 
 def check_support_references(regions: Sequence[Region], supports: Sequence[Any]) -> list[Problem]:
-    return _unknown_regions("supports", regions, supports)
+    return unknown_regions("supports", regions, supports)
 
 
-def _unknown_regions(table: str, regions: Sequence[Region], items: Sequence[Any]) -> list[Problem]:
+def unknown_regions(table: str, regions: Sequence[Region], items: Sequence[Any]) -> list[Problem]:
+    """Items of a table that speak of a region by a name that none has."""
     names = [region.name for region in regions]
     problems = []
     for index, item in enumerate(items):

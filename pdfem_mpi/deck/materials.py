@@ -10,11 +10,14 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from pdfem_mpi.deck.opening import squared_dilatation
 from pdfem_mpi.deck.table import LONGEST_NAME, MOST_HINTS, Problem, Table, did_you_mean, key, show
 
 DEFAULT_MATERIAL = "default"  # what regions and interfaces call the table [material]
 MOST_CONTRAST = 1e5  # of Young's moduli: at 1e6 residuals of elements stop at 2e-6, above the tolerance in use
-PERIDYNAMIC_POISSONS_RATIO = 0.25  # central bond forces in an isotropic solid admit no other value
+BOND_POISSONS_RATIO = 0.25  # that of bonds alone; another one asks for a volumetric part beside them
+LEAST_BOND_RATIO, MOST_BOND_RATIO = 0.0, 0.49  # of materials with bonds
+NEARLY_INCOMPRESSIBLE = 0.45  # above, solves take longer, and displacements are less exact
 
 
 def _failure_problems(table: BaseModel) -> list[Problem]:
@@ -30,11 +33,13 @@ class Material(Table):
     ----------
     youngs_modulus : float, > 0, dimension force / length^2
     poissons_ratio : float, above -1 and below 0.5, dimension 1
-        1/4 wherever the material has bonds (peridynamic regions, overlap): central forces admit no other value.
+        From 0 to 0.49 where the material has bonds (peridynamic regions, overlap), which alone have 1/4.
     critical_stretch : float or None, > 0, dimension 1
         ``s_0`` of eq. (4): bonds beyond it break.
     fracture_energy : float or None, > 0, dimension force / length
         ``G_c``, which gives ``s_0`` by the bonds that a plane cuts. At most one of the two; None (default): no failure.
+    thermal_expansion : float or None, dimension 1 / temperature
+        Strain of a free body per change of temperature; see the table ``[temperature]``.
 
     Examples
     --------
@@ -43,9 +48,10 @@ class Material(Table):
     """
 
     youngs_modulus: float = key(gt=0, dimension="force / length^2", remedy="Give Young's modulus, for example 1.0e7.")
-    poissons_ratio: float = key(PERIDYNAMIC_POISSONS_RATIO, gt=-1, lt=0.5, dimension="1")
+    poissons_ratio: float = key(BOND_POISSONS_RATIO, gt=-1, lt=0.5, dimension="1")
     critical_stretch: float | None = key(None, gt=0, dimension="1")
     fracture_energy: float | None = key(None, gt=0, dimension="force / length")
+    thermal_expansion: float | None = key(None, dimension="1 / temperature")
 
     def problems(self) -> list[Problem]:
         """At most one of critical stretch and fracture energy."""
@@ -60,7 +66,9 @@ class Material(Table):
         """The critical stretch, given or from the fracture energy; None without failure.
 
         ``G_c = (pi / 2) c s_0^2 int_0^rc xi^4 exp(-(xi / l)^2) dxi = (27 sqrt(pi) / 16) k l s_0^2 share(r_c / l)``: the
-        energy of all bonds that a plane through the bulk cuts (Silling's integral with the response of eq. 2).
+        energy of all bonds that a plane through the bulk cuts (Silling's integral with the response of eq. 2), ``k``
+        that of a Poisson's ratio of 1/4 and the same shear modulus. With another ratio the dilatation beside the plane
+        adds ``9 (lambda - mu) l s_0^2 int C^2 dz`` (`deck.opening`).
 
         Parameters
         ----------
@@ -74,10 +82,24 @@ class Material(Table):
 
     def energy_at_failure(self, critical_stretch: float, internal_length: float, cutoff_ratio: float) -> float:
         """The fracture energy of the bulk whose bonds break at a stretch; dimension force / length."""
-        a = min(cutoff_ratio, 30.0)  # the share is 1 from 6 on, and powers of large ratios are not finite
-        share = math.erf(a) - 2.0 / math.sqrt(math.pi) * math.exp(-a * a) * (2.0 / 3.0 * a**3 + a)
-        whole = 27.0 * math.sqrt(math.pi) / 16.0 * self.bulk_modulus * internal_length
-        return whole * share * critical_stretch**2
+        share = _share_within(cutoff_ratio)
+        of_bonds = self.modulus_of_bonds / (3.0 * (1.0 - 2.0 * BOND_POISSONS_RATIO))
+        whole = 27.0 * math.sqrt(math.pi) / 16.0 * of_bonds * internal_length
+        return whole * share * critical_stretch**2 * (1.0 + self.share_of_dilatation(cutoff_ratio))
+
+    def share_of_dilatation(self, cutoff_ratio: float) -> float:
+        """Fracture energy of the volumetric part over that of the bonds: 0 at 1/4, 0.1795 (lambda - mu) / mu at 2.5."""
+        nu = self.poissons_ratio
+        if nu == BOND_POISSONS_RATIO:
+            return 0.0
+        share = _share_within(cutoff_ratio)
+        lacks = (4.0 * nu - 1.0) / (1.0 - 2.0 * nu)  # (lambda - mu) / mu
+        return 9.0 * squared_dilatation(cutoff_ratio) * lacks / (45.0 * math.sqrt(math.pi) / 16.0 * share)
+
+    @property
+    def modulus_of_bonds(self) -> float:
+        """Young's modulus of the material of the same shear modulus with the Poisson's ratio of bonds, 1/4."""
+        return self.youngs_modulus * ((1.0 + BOND_POISSONS_RATIO) / (1.0 + self.poissons_ratio))
 
     @property
     def bulk_modulus(self) -> float:
@@ -85,10 +107,16 @@ class Material(Table):
         return self.youngs_modulus / (3.0 * (1.0 - 2.0 * self.poissons_ratio))
 
 
+def _share_within(cutoff_ratio: float) -> float:
+    """Share of the bonds' fracture energy that a cutoff radius of so many internal lengths keeps."""
+    a = min(cutoff_ratio, 30.0)  # the share is 1 from 6 on, and powers of large ratios are not finite
+    return math.erf(a) - 2.0 / math.sqrt(math.pi) * math.exp(-a * a) * (2.0 / 3.0 * a**3 + a)
+
+
 class Interface(Table):
     """What holds for the bonds between two materials (sec. 2.1, Fig. 6); deck tables ``[[interfaces]]``.
 
-    What is not given here is that of the material with the smaller bulk modulus.
+    What is not given here is that of the material with the smaller shear modulus, Poisson's ratio included.
 
     Attributes
     ----------

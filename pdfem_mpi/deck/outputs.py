@@ -6,8 +6,17 @@ import re
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, SkipValidation
 
+from pdfem_mpi.deck.field_names import FIELDS, GAUSS_FIELDS, MECHANICAL_FIELDS, field_problems, is_list_of_names
+from pdfem_mpi.deck.mechanical_probes import (
+    PLACE_FIELDS,
+    CutProbe,
+    EnergyReleaseProbe,
+    PointProbe,
+    SetProbe,
+    names_problems,
+)
 from pdfem_mpi.deck.meshes import Mesh
 from pdfem_mpi.deck.regions import Region, has_model, repeated_names
 from pdfem_mpi.deck.table import Problem, Table, Vector, key, show
@@ -64,6 +73,8 @@ class LineProbe(Table):
         Ends of the line. Samples outside of the body are left empty.
     n : int, 2 to 100,000
         Samples, equally spaced, both ends included.
+    fields : names
+        Mechanical fields beside the displacement; see `PointProbe`.
     """
 
     kind: Literal["line"]
@@ -71,10 +82,11 @@ class LineProbe(Table):
     start: Vector = key(dimension="length", remedy="Give the first point, for example [-4.5, -1.5, 0.0].")
     stop: Vector = key(dimension="length", remedy="Give the last point, for example [4.5, -1.5, 0.0].")
     n: int = key(101, ge=2, le=100_000)
+    fields: SkipValidation[tuple[str, ...]] = key(("displacement",))
 
     def problems(self) -> list[Problem]:
-        """A name that a file can have, and two different ends."""
-        problems = []
+        """A name that a file can have, two different ends, names of fields."""
+        problems = names_problems(self.fields, PLACE_FIELDS)
         if not re.fullmatch(r"[A-Za-z0-9_-]+", self.name):
             problems.append(Problem("name", f"= {show(self.name)} names a file. Use letters, digits, - and _ only."))
         if self.start == self.stop:
@@ -82,7 +94,10 @@ class LineProbe(Table):
         return problems
 
 
-Probe = Annotated[DisplacementProbe | BarProbe | LineProbe, Field(discriminator="kind")]
+Probe = Annotated[
+    DisplacementProbe | BarProbe | LineProbe | PointProbe | SetProbe | CutProbe | EnergyReleaseProbe,
+    Field(discriminator="kind"),
+]
 
 
 class Output(Table):
@@ -90,22 +105,42 @@ class Output(Table):
 
     Attributes
     ----------
-    fields : bool
-        ``points.vtkhdf`` and ``elements.vtkhdf``.
+    fields : bool, or names
+        ``points.vtkhdf`` and ``elements.vtkhdf``: false writes neither, true (default) the displacement, a list the
+        fields that it names (``docs/results.md`` says what each is).
     figures : bool
     damage : bool
-        Local damage of the peridynamic points (eq. 5) in ``points.vtkhdf``.
+        Local damage of the peridynamic points (eq. 5) in ``points.vtkhdf``; the same as ``"damage"`` in a list.
     """
 
-    fields: bool = key(True)
+    fields: SkipValidation[bool | tuple[str, ...]] = key(True)
     figures: bool = key(True)
     damage: bool = key(False)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The fields that are written, in the order of `FIELDS`."""
+        chosen = self.fields if is_list_of_names(self.fields) else ("displacement",) if self.fields is True else ()
+        return tuple(name for name in FIELDS if name in chosen or (name == "damage" and self.damage))
+
+    @property
+    def has_damage(self) -> bool:
+        """Whether local damage is written."""
+        return "damage" in self.names
+
+    @property
+    def mechanical(self) -> tuple[str, ...]:
+        """Those of `names` that follow from strain and stress."""
+        return tuple(name for name in self.names if name in MECHANICAL_FIELDS + GAUSS_FIELDS)
+
     def problems(self) -> list[Problem]:
-        """A file for the damage to stand in."""
+        """Names of fields, and a file for the damage to stand in."""
+        if not isinstance(self.fields, bool) and not is_list_of_names(self.fields):
+            remedy = 'Use a list like ["displacement", "stress"], or true or false.'
+            return [Problem("fields", f"= {show(self.fields)} is not true or false or a list of names. {remedy}")]
         if self.damage and not self.fields:
             return [Problem("damage", "= true is a field, and fields = false writes none. Change one of the two.")]
-        return []
+        return [] if isinstance(self.fields, bool) else field_problems("fields", self.fields)
 
 
 class Checkpoint(Table):
@@ -132,9 +167,11 @@ class Checkpoint(Table):
 
 
 def check_damage(output: Output, regions: Sequence[Region]) -> list[Problem]:
-    if not output.damage or has_model(regions, "peridynamics"):
+    if not output.has_damage or has_model(regions, "peridynamics"):
         return []
-    return [Problem("output.damage", "= true counts broken bonds, and no region has any. Remove it.")]
+    if output.damage:
+        return [Problem("output.damage", "= true counts broken bonds, and no region has any. Remove it.")]
+    return [Problem("output.fields", 'has "damage", which counts broken bonds, and no region has any. Remove it.')]
 
 
 def check_probe_names(probes: Sequence[Any]) -> list[Problem]:

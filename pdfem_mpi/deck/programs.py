@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from pdfem_mpi.deck.amplitudes import amplitude_problems, between
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.materials import Interface, Material, all_materials
 from pdfem_mpi.deck.regions import Region, has_model
@@ -40,14 +41,32 @@ class Steps(Table):
     Attributes
     ----------
     load_factors : floats, dimension 1
-        Equilibrium is found at each; strictly rising from 0 (or strictly falling from 0).
+        Equilibrium is found at each; strictly rising from 0 (or strictly falling from 0) unless there are times.
+    times : floats or None, dimension 1
+        A pseudo-time for each load factor, strictly rising from 0: factors may then rise, fall and change their sign.
+    increments : int or None, >= 1
+        Equilibria on the straight line from one time to the next; None (default): one.
     """
 
     kind: Literal["steps"] = key("steps")
     load_factors: tuple[float, ...] = key((1.0,), min_length=1, dimension="1")
+    times: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
+    increments: int | None = key(None, ge=1)
+
+    @property
+    def schedule(self) -> list[tuple[float | None, float]]:
+        """Time and load factor of each equilibrium."""
+        if self.times is None:
+            return [(None, factor) for factor in self.load_factors]
+        return list(between(self.times, self.load_factors, self.increments or 1))
 
     def problems(self) -> list[Problem]:
-        """Load factors strictly monotone from 0."""
+        """Load factors strictly monotone from 0, or times that rise."""
+        if self.times is not None:
+            return amplitude_problems(self.times, self.load_factors)
+        if self.increments is not None:
+            text = f"= {self.increments} divides the time from one load factor to the next, and there are no times."
+            return [Problem("increments", f"{text} Give times.")]
         factors = (0.0, *self.load_factors)
         sign = 1.0 if factors[1] > 0.0 else -1.0
         for before, after in itertools.pairwise(factors):
@@ -57,7 +76,8 @@ class Steps(Table):
                     Problem(
                         "load_factors",
                         f"= {show(self.load_factors)} has {show(after)} after {show(before)}, but must "
-                        f"strictly rise (or fall) from 0. Use a number {word} {show(before)}.",
+                        f"strictly rise (or fall) from 0. Use a number {word} {show(before)}, or give times for a load "
+                        "that comes and goes.",
                     )
                 ]
         return []
@@ -65,7 +85,7 @@ class Steps(Table):
     @property
     def n_steps(self) -> int | None:
         """How many rows there will be."""
-        return len(self.load_factors)
+        return len(self.schedule)
 
 
 class Ramp(Table):

@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 from pdfem_mpi.deck.materials import (
     DEFAULT_MATERIAL,
-    PERIDYNAMIC_POISSONS_RATIO,
+    LEAST_BOND_RATIO,
+    MOST_BOND_RATIO,
     Interface,
     Material,
     all_materials,
@@ -85,11 +86,11 @@ def check_poissons_ratio(
     return [
         Problem(
             f"{where}.poissons_ratio",
-            f"= {show(table.poissons_ratio)} is not 1/4, the only value of bond-based peridynamics. "
-            "Use 0.25, or describe every region of this material by finite_elements.",
+            f"= {show(table.poissons_ratio)} is out of range for bonds, which bear {LEAST_BOND_RATIO:g} to "
+            f"{MOST_BOND_RATIO:g}. Use a number in it, or describe every region of this material by finite_elements.",
         )
         for name, (where, table) in all_materials(material, materials).items()
-        if name in bonded and table.poissons_ratio != PERIDYNAMIC_POISSONS_RATIO
+        if name in bonded and not LEAST_BOND_RATIO <= table.poissons_ratio <= MOST_BOND_RATIO
     ]
 
 

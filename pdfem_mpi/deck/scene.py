@@ -25,7 +25,15 @@ from pdfem_mpi.deck.loads import (
     check_support_references,
     check_tractions,
 )
-from pdfem_mpi.deck.materials import Interface, Material, check_contrast, check_material_names
+from pdfem_mpi.deck.materials import (
+    BOND_POISSONS_RATIO,
+    Interface,
+    Material,
+    all_materials,
+    check_contrast,
+    check_material_names,
+)
+from pdfem_mpi.deck.mechanical_probes import check_energy_release, check_set_probes
 from pdfem_mpi.deck.meshes import Mesh
 from pdfem_mpi.deck.outputs import (
     Checkpoint,
@@ -42,6 +50,7 @@ from pdfem_mpi.deck.peridynamics import (
     check_cracks,
     check_cutoff,
     check_fitted,
+    check_volumetric,
 )
 from pdfem_mpi.deck.programs import (
     Events,
@@ -61,6 +70,7 @@ from pdfem_mpi.deck.regions import (
     has_model,
 )
 from pdfem_mpi.deck.table import FieldMissing, Problem, Table, Units, key
+from pdfem_mpi.deck.temperatures import Temperature, check_temperature
 
 
 class Scene(Table):
@@ -85,6 +95,7 @@ class Scene(Table):
     coupling: Coupling = Field(default_factory=Coupling)
     loads: tuple[Load, ...] = key(())
     supports: tuple[Support, ...] = key(())
+    temperature: Temperature | None = key(None)
     solver: Solver = Field(default_factory=Solver)
     stepping: Stepping = Field(default_factory=Steps)
     probes: tuple[Probe, ...] = key(())
@@ -116,6 +127,13 @@ class Scene(Table):
         return self.peridynamics.kinematics or ("finite" if self.has_peridynamics else "linear")
 
     @property
+    def has_volumetric_part(self) -> bool:
+        """Whether bonds may have one: a region of bonds, or beside them, of another Poisson's ratio than 1/4."""
+        materials = {name: table for name, (_, table) in all_materials(self.material, self.materials).items()}
+        ratios = {materials[region.material].poissons_ratio for region in self.regions}
+        return self.has_peridynamics and ratios != {BOND_POISSONS_RATIO}
+
+    @property
     def can_fail(self) -> bool:
         """Whether the deck has a limit for some bond."""
         return any(entry.can_fail for entry in (self.material, *self.materials.values(), *self.interfaces))
@@ -144,12 +162,17 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("regions", "supports"), check_support_references),
     (("regions", "peridynamics", "loads"), check_tractions),
     (("mesh", "regions", "material", "materials", "peridynamics", "coupling"), check_fitted),
+    (("regions", "material", "materials", "peridynamics"), check_volumetric),
     (("mesh", "regions"), functools.partial(check_sets, "regions")),
     (("mesh", "loads"), functools.partial(check_sets, "loads")),
     (("mesh", "supports"), functools.partial(check_sets, "supports")),
     (("mesh", "loads"), check_mirrored_loads),
     (("mesh", "supports"), check_mirrored_supports),
     (("mesh", "probes"), check_mirrored_bars),
+    (("temperature", "material", "materials", "peridynamics", "regions"), check_temperature),
+    (("mesh", "probes"), functools.partial(check_sets, "probes")),
+    (("regions", "probes"), check_set_probes),
+    (("cracks", "material", "materials", "temperature", "probes"), check_energy_release),
 )
 
 

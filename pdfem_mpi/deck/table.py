@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Literal, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -67,6 +67,19 @@ def show(value: object) -> str:
     else:
         text = repr(value) if isinstance(value, float | int) else str(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted paths and values of nested tables and lists of tables; other lists are values."""
+    if isinstance(value, dict):
+        items: Iterable[tuple[Any, Any]] = value.items()
+    elif isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
+        items = enumerate(value)
+    else:
+        yield path, value
+        return
+    for name, item in items:
+        yield from leaves(item, f"{path}.{name}" if path else str(name))
 
 
 def key(default: Any = ..., *, dimension: str = "", remedy: str = "", **limits: Any) -> Any:

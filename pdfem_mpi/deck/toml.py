@@ -28,12 +28,13 @@ MOST_PROBLEMS, LONGEST_SENTENCE = 50, 2000
 MOST_BYTES = 1 << 24  # a file without an end is not read
 
 
-def read_deck(path: str | Path, overrides: Sequence[str] | Mapping[str, Any] = ()) -> Scene:
+def read_deck(deck: str | Path | Mapping[str, Any], overrides: Sequence[str] | Mapping[str, Any] = ()) -> Scene:
     """Read a deck, apply overrides, and validate it as a whole.
 
     Parameters
     ----------
-    path : str or Path
+    deck : str, Path or dict
+        A file, or its tables as TOML would give them: ``{"mesh": {"spacing": 0.1, ...}, "regions": [...], ...}``.
     overrides : sequence of str, or dict
         Like ``mesh.spacing=0.1``, see `parse_overrides`; or values by their keys, ``{"mesh.spacing": 0.1}``.
 
@@ -42,7 +43,9 @@ def read_deck(path: str | Path, overrides: Sequence[str] | Mapping[str, Any] = (
     DeckError
         With every problem found.
     """
-    return parse_deck(read_text(path), str(path), overrides)
+    if isinstance(deck, Mapping):
+        return parse_tables(_thaw(deck), "deck", overrides)
+    return parse_deck(read_text(deck), str(deck), overrides)
 
 
 def read_text(path: str | Path) -> str:
@@ -84,14 +87,25 @@ def parse_deck(text: str, name: str, overrides: Sequence[str] | Mapping[str, Any
         raise DeckError(
             [f"{name}: this is not a TOML file: {reason}. Correct that place: decks have lines key = value."]
         ) from None
-    messages = []
+    return parse_tables(data, name, overrides)
+
+
+def parse_tables(data: dict[str, Any], name: str, overrides: Sequence[str] | Mapping[str, Any] = ()) -> Scene:
+    """Return the validated scene of a deck's tables, which are changed; ``name`` opens every sentence.
+
+    Raises
+    ------
+    DeckError
+        With every problem found.
+    """
+    messages: list[str] = []
     overridden = set()
     for override in parse_overrides(overrides, messages):
         try:
             overridden.add(apply(data, override))
         except OverrideProblem as problem:
             messages.append(f"--set {override.text}: {problem}")
-    _resolve_mesh_path(data, Path(name).parent)
+    _resolve_paths(data, Path(name).parent)
     data, beyond = find_limits(data)
     scene, problems = _validate(_freeze(data), {problem.key for problem in beyond})
     problems = beyond + problems
@@ -110,11 +124,12 @@ def _shortened(sentence: str) -> str:
     return sentence if len(sentence) <= LONGEST_SENTENCE else f"{sentence[: LONGEST_SENTENCE - 4]} ..."
 
 
-def _resolve_mesh_path(data: dict[str, Any], folder: Path) -> None:
-    """Make the path of a mesh file absolute: the deck is copied to the run folder, the mesh is not."""
-    mesh = data.get("mesh")
-    if isinstance(mesh, dict) and isinstance(mesh.get("path"), str) and mesh["path"]:
-        mesh["path"] = os.path.abspath(folder / mesh["path"])
+def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
+    """Make the paths of files absolute: the deck is copied to the run folder, these are not."""
+    for table, key in (("mesh", "path"), ("temperature", "file")):
+        entry = data.get(table)
+        if isinstance(entry, dict) and isinstance(entry.get(key), str) and entry[key]:
+            entry[key] = os.path.abspath(folder / entry[key])
 
 
 def _freeze(value: Any) -> Any:
@@ -123,6 +138,15 @@ def _freeze(value: Any) -> Any:
         return {name: _freeze(item) for name, item in value.items()}
     if isinstance(value, list):
         return tuple(_freeze(item) for item in value)
+    return value
+
+
+def _thaw(value: Any) -> Any:
+    """The inverse of `_freeze`: a copy with lists, as TOML gives them."""
+    if isinstance(value, Mapping):
+        return {name: _thaw(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_thaw(item) for item in value]
     return value
 
 
@@ -148,7 +172,8 @@ def _validate(data: dict[str, Any], beyond: set[str]) -> tuple[Scene | None, lis
         wrong = {walk(item["loc"], data).path for item in errors} | beyond
         tables, more = partial_tables(wrong, data)
         problems += [problem for problem in more + find_problems(tables) if problem not in problems]
-    if "loads" in tables and "supports" in tables and not tables["loads"] and not tables["supports"]:
+    acting = [tables.get(name, True) for name in ("loads", "supports", "temperature")]
+    if not any(acting):
         problems.append(
             Problem("loads", "and supports are both empty: nothing would move. Add [[loads]] or [[supports]].")
         )

@@ -1,4 +1,4 @@
-"""Fictitious densities of the points, eq. (11): sums over their bonds."""
+"""Sums over the bonds of the points that are made once: fictitious densities, eq. (11), and those of dilatations."""
 
 import numpy as np
 from numba import njit, types
@@ -9,7 +9,7 @@ _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "
 
 
 @njit(**_options)
-def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite):
+def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite, material, scale, stiffening):
     """Add each bond's share of the fictitious mass (eq. 11, with g_ij in it) to both points.
 
     Component d of a point receives ``1/2 c exp(-r0^2) g_ij w_i w_j |n_d| / r0`` from each of its bonds; the largest of
@@ -24,8 +24,15 @@ def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite):
     pattern : float
         ``M``; each term must stay below ``2**51`` quanta.
     finite : bool
+    material, scale : int16, shape (n_clusters,), float64, shape (n_materials, n_materials)
+        As in `dilatation_sweeps`.
+    stiffening : float64, shape (n_clusters * 4,) or (0,)
+        ``h``: with a volumetric part bonds count ``1 + s r0 (h_i + h_j)`` times.
     """
     M = splat(pattern)
+    one = splat(1.0)
+    stiffens = stiffening.size > 0
+    several = scale.shape[0] > 1
     half = splat(0.5)
     stride = 2 * W if finite else W
     for i in range(row_start.size - 1):
@@ -44,6 +51,11 @@ def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite):
                 k = k * root(load(row_data, row * stride + W))
             else:
                 k = half * k * root(fma(dx, dx, fma(dy, dy, dz * dz)))
+            if stiffens:
+                growth = root(fma(dx, dx, fma(dy, dy, dz * dz))) * (splat(stiffening[i]) + load(stiffening, b // 9))
+                if several:
+                    growth = growth * splat(scale[material[c], material[b // (9 * W)]])
+                k = k * (one + growth)
             px = fma(k, dx, M)
             py = fma(k, dy, M)
             pz = fma(k, dz, M)
@@ -58,7 +70,50 @@ def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite):
         SI[own + 8 * W] += ihsum(sz)
 
 
-_f8, _i8 = types.float64[::1], types.int64[::1]
+@njit(**_options)
+def add_family_sums(row_start, row_offset, row_data, S, SI, pattern, finite, material, scale):
+    """Add ``s k`` and ``s^2 k r0`` of each bond to both of its points, in rows 6 and 7.
+
+    ``k = c exp(-r0^2) g_ij w_i w_j``; of bonds of negative stiffness the magnitude counts. Parameters are those of
+    `add_densities`.
+    """
+    M = splat(pattern)
+    one = splat(1.0)
+    several = scale.shape[0] > 1
+    stride = 2 * W if finite else W
+    for i in range(row_start.size - 1):
+        c = i // W
+        own = c * 9 * W + (i - c * W)
+        first = splat(0.0)
+        second = splat(0.0)
+        third = splat(0.0)
+        for row in range(row_start[i], row_start[i + 1]):
+            b = np.int64(row_offset[row])
+            dx = load(S, b + 3 * W) - splat(S[own + 3 * W])
+            dy = load(S, b + 4 * W) - splat(S[own + 4 * W])
+            dz = load(S, b + 5 * W) - splat(S[own + 5 * W])
+            square = fma(dx, dx, fma(dy, dy, dz * dz))
+            r = root(square)
+            k = magnitude(load(row_data, row * stride)) * r
+            k = k + k if finite else k * square
+            s = splat(scale[material[c], material[b // (9 * W)]]) if several else one
+            p = fma(k, s, M)
+            q = fma(k * r, s * s, M)
+            first = iadd(first, p)
+            second = iadd(second, q)
+            third = iadd(third, M)
+            store(S, b + 6 * W, iadd(load(S, b + 6 * W), p))
+            store(S, b + 7 * W, iadd(load(S, b + 7 * W), q))
+            store(S, b + 8 * W, iadd(load(S, b + 8 * W), M))
+        SI[own + 6 * W] += ihsum(first)
+        SI[own + 7 * W] += ihsum(second)
+        SI[own + 8 * W] += ihsum(third)
+
+
+_f8, _i8, _real, _flag = types.float64[::1], types.int64[::1], types.float64, types.boolean
+_rows = (_i8, types.uint32[::1], types.float32[::1])
+_materials = (types.int16[::1], types.float64[:, ::1])
 SIGNATURES = {
-    add_densities: types.void(_i8, types.uint32[::1], types.float32[::1], _f8, _i8, types.float64, types.boolean),
+    add_densities: types.void(*_rows, _f8, _i8, _real, _flag, *_materials, _f8),
+    add_family_sums: types.void(*_rows, _f8, _i8, _real, _flag, *_materials),
 }

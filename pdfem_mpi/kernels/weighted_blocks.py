@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.simd import W, fma, iadd, ihsum, largest, load, splat, store
+from pdfem_mpi.kernels.simd import W, fma, iadd, ihsum, largest, load, magnitude, root, splat, store
 
 #: The closed form of an eigenvalue loses half of its digits where two of them meet; a bound is raised by more.
 MARGIN = 1.0 + 1e-7
@@ -23,7 +23,9 @@ _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "
 
 
 @njit(**_options)
-def add_weighted_blocks(row_start, row_offset, row_data, S, SI, pattern, finite, mixed):
+def add_weighted_blocks(
+    row_start, row_offset, row_data, S, SI, pattern, finite, mixed, material, scale, stiffening
+):  # fmt: skip
     """Add each bond's stiffness, times the weight of its other end, to both of its points: three of six entries.
 
     Bonds of negative stiffness (fitted factors may have either sign) only lower the energy and add nothing.
@@ -38,9 +40,13 @@ def add_weighted_blocks(row_start, row_offset, row_data, S, SI, pattern, finite,
         ``M``; an entry is at most the bond's force per unit stretch over its length, times the largest weight.
     finite, mixed : bool
         Layout of ``row_data``; entries xx, yy, zz or (mixed) xy, yz, zx.
+    material, scale, stiffening
+        As in `bond_densities.add_densities`.
     """
     M = splat(pattern)
     zero = splat(0.0)
+    stiffens = stiffening.size > 0
+    several = scale.shape[0] > 1
     stride = 2 * W if finite else W
     for i in range(row_start.size - 1):
         c = i // W
@@ -54,7 +60,14 @@ def add_weighted_blocks(row_start, row_offset, row_data, S, SI, pattern, finite,
             dx = load(S, b + 3 * W) - splat(S[own + 3 * W])
             dy = load(S, b + 4 * W) - splat(S[own + 4 * W])
             dz = load(S, b + 5 * W) - splat(S[own + 5 * W])
-            k = largest(load(row_data, row * stride), zero)
+            k = load(row_data, row * stride)
+            if stiffens:
+                growth = root(fma(dx, dx, fma(dy, dy, dz * dz))) * (splat(stiffening[i]) + load(stiffening, b // 9))
+                if several:
+                    growth = growth * splat(scale[material[c], material[b // (9 * W)]])
+                k = fma(magnitude(k), growth, largest(k, zero))
+            else:
+                k = largest(k, zero)
             if finite:
                 k = (k + k) * load(row_data, row * stride + W)
             if mixed:
@@ -109,7 +122,8 @@ def stiffness_bounds(blocks, weighted, weight, slack, bound):
 _f8, _i8, _table = types.float64[::1], types.int64[::1], types.float64[:, ::1]
 SIGNATURES = {
     add_weighted_blocks: types.void(
-        _i8, types.uint32[::1], types.float32[::1], _f8, _i8, types.float64, types.boolean, types.boolean
+        _i8, types.uint32[::1], types.float32[::1], _f8, _i8, types.float64, types.boolean, types.boolean,
+        types.int16[::1], _table, _f8,
     ),
     stiffness_bounds: types.void(_table, _table, _f8, types.float64, _f8),
-}
+}  # fmt: skip

@@ -35,10 +35,7 @@ class Line:
 
 def measure_line(geometry: Geometry, fields: Fields, probe: LineProbe) -> Line:
     """Sample the displacement along a line."""
-    start, stop = np.array(probe.start), np.array(probe.stop)
-    t = np.arange(probe.n) / (probe.n - 1)
-    position = start + t[:, None] * (stop - start)
-    position[-1] = stop
+    distance, position = positions_along(probe)
     displacement, kind = np.full((probe.n, 3), np.nan), np.full(probe.n, "", object)
     for k, point in enumerate(position):
         holders, outside = locate(geometry, point)
@@ -46,4 +43,13 @@ def measure_line(geometry: Geometry, fields: Fields, probe: LineProbe) -> Line:
             displacement[k] = interpolate(geometry, fields, holders, point)
             bonds = geometry.is_peridynamic[next(iter(holders))]
             kind[k] = "peridynamics" if bonds else "finite elements"
-    return Line(t * float(np.linalg.norm(stop - start)), position, displacement, kind.astype(str))
+    return Line(distance, position, displacement, kind.astype(str))
+
+
+def positions_along(probe: LineProbe) -> tuple[np.ndarray, np.ndarray]:
+    """Distances from the start, shape (n,), and positions, shape (n, 3), of a line's samples."""
+    start, stop = np.array(probe.start), np.array(probe.stop)
+    t = np.arange(probe.n) / (probe.n - 1)
+    position = start + t[:, None] * (stop - start)
+    position[-1] = stop
+    return t * float(np.linalg.norm(stop - start)), position

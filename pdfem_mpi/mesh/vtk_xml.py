@@ -22,16 +22,7 @@ def read_vtu(content: bytes) -> RawMesh:
     ------
     Refusal
     """
-    root, appended = _parse(content)
-    grid = root.find("UnstructuredGrid")
-    pieces = [] if grid is None else grid.findall("Piece")
-    if len(pieces) != 1:
-        raise Refusal(
-            f"the file has {len(pieces)} pieces, and one is read. Merge them into one, with common nodes (in ParaView: "
-            "Merge Blocks, Clean to Grid)."
-        )
-    (piece,) = pieces
-    coding = _coding(root, appended)
+    piece, coding = _piece(content)
     n_points, n_cells = (_count(piece, f"NumberOf{what}") for what in ("Points", "Cells"))
     points = _array(piece, "Points", None, coding, 3 * n_points).astype(np.float64).reshape(-1, 3)
     types = whole(_array(piece, "Cells", "types", coding, n_cells), "the types of cells")
@@ -48,6 +39,39 @@ def read_vtu(content: bytes) -> RawMesh:
             if single and element.get("type", "").lstrip("U").startswith("Int") and element.get("Name"):
                 add(raw, element.get("Name"), read_array(element, coding, count))
     return raw
+
+
+def read_point_field(content: bytes, name: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Positions, float64, shape (n, 3), and the point data of one number by name; only the one of this name is read.
+
+    The others are there as empty arrays, for who asks what there is.
+
+    Raises
+    ------
+    Refusal
+    """
+    piece, coding = _piece(content)
+    n_points = _count(piece, "NumberOfPoints")
+    points = _array(piece, "Points", None, coding, 3 * n_points).astype(np.float64).reshape(-1, 3)
+    fields = {}
+    for element in piece.iterfind("PointData/DataArray"):
+        if element.get("NumberOfComponents", "1") in ("", "0", "1") and element.get("Name"):
+            wanted = element.get("Name") == name
+            fields[element.get("Name")] = read_array(element, coding, n_points) if wanted else np.empty(0)
+    return points, {word: np.asarray(values, np.float64) for word, values in fields.items()}
+
+
+def _piece(content: bytes) -> tuple[ElementTree.Element, Coding]:
+    """The one piece of a file, and how its arrays are written."""
+    root, appended = _parse(content)
+    grid = root.find("UnstructuredGrid")
+    pieces = [] if grid is None else grid.findall("Piece")
+    if len(pieces) != 1:
+        raise Refusal(
+            f"the file has {len(pieces)} pieces, and one is read. Merge them into one, with common nodes (in ParaView: "
+            "Merge Blocks, Clean to Grid)."
+        )
+    return pieces[0], _coding(root, appended)
 
 
 def _parse(content: bytes) -> tuple[ElementTree.Element, bytes]:

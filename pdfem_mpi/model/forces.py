@@ -24,6 +24,7 @@ from pdfem_mpi.model.not_finite import NotFinite, describe_not_finite
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.bond_forces import BondForces
 from pdfem_mpi.peridynamics.failure import Failure
+from pdfem_mpi.peridynamics.volumetric_forces import VolumetricForces
 
 
 @dataclass
@@ -62,7 +63,8 @@ class Forces:
     def __post_init__(self):
         model, self.of_bonds, self.of_nodes = self.model, None, None
         if model.points:
-            self.of_bonds = BondForces(model.points, model.bonds, self.tangent, self.swept)
+            kind = VolumetricForces if model.bonds.volumetric else BondForces
+            self.of_bonds = kind(model.points, model.bonds, self.tangent, self.swept)
         if model.nodes:
             self.of_nodes = ElementForces(model.nodes, model.elements, self.tangent)
 
@@ -149,16 +151,9 @@ class Forces:
             self._move_overlap()
             bonds.complete_overlap()
             clock.lap("other")
-        bonds.start_forward()
-        clock.lap("exchange")
-        bonds.sweep_interior(failure, margin, self.met)
-        clock.lap("bonds")
-        bonds.finish_forward()
-        clock.lap("exchange")
-        bonds.sweep_boundary(failure, margin, self.met)
-        clock.lap("bonds")
-        bonds.start_reverse()
-        clock.lap("exchange")
+        for kind, phase in bonds.phases(failure, margin, self.met):
+            phase()
+            clock.lap(kind)
 
     def _move_overlap(self) -> None:
         """Displace the overlap's points with the nodes of their cells (25)."""

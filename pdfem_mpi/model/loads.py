@@ -22,6 +22,7 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import combine, free_motions, rigid_gram, rigid_modes
 from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsupported
 from pdfem_mpi.model.supports import prescribe
+from pdfem_mpi.model.thermal import Thermal, make_thermal
 from pdfem_mpi.model.tractions import traction_forces
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.clusters import cluster_layout
@@ -56,6 +57,8 @@ class LoadCase:
         Largest prescribed displacement.
     load : float, dimension force
         Resultant of the external forces that push one way (those along the axes, or those against them).
+    thermal : Thermal or None
+        The strain of a change of temperature, whose forces are part of ``external``.
     taken : float64, shape (3,), dimension force
         Sums of the forces along x, y and z that loads put on held places, where supports take them at once; NaN where
         there are none.
@@ -74,6 +77,7 @@ class LoadCase:
     reach: float
     load: float
     taken: np.ndarray
+    thermal: Thermal | None = None
 
 
 def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
@@ -125,13 +129,21 @@ def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
         unsupported=unsupported,
         held=held,
         moves=tuple(any((s.x, s.y, s.z)) for s in scene.supports),
-        reach=max((abs(a) for s in scene.supports for a in (s.x, s.y, s.z) if a), default=0.0) / share.units.length,
+        reach=_largest_displacement(scene, share),
         load=_one_way(model, external),
         taken=taken,
     )
     if messages := find_unbalanced(model, free, parts, unsupported, external):
         raise SceneError(messages)
-    return case
+    return _with_thermal(scene, share, model, case)
+
+
+def _with_thermal(scene: Scene, share: Share, model: Model, case: LoadCase) -> LoadCase:
+    """The load case with the forces of thermal strain, which are in balance by themselves. Collective."""
+    thermal = make_thermal(scene, share, model)
+    if thermal is None:
+        return case
+    return replace(case, external=case.external + np.where(case.fixed, 0.0, thermal.forces), thermal=thermal)
 
 
 def _sum_loads(scene: Scene, share: Share, fitted: bool, messages: list[str]):
@@ -185,6 +197,13 @@ def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarra
     return np.where(sums[:, 1] > 0.0, sums[:, 0], np.nan)
 
 
+def _largest_displacement(scene: Scene, share: Share) -> float:
+    """Largest prescribed component, model units."""
+    units = share.units
+    prescribed = (a for s in scene.supports for a in (s.x, s.y, s.z))
+    return float(units.numbers(max((abs(a) for a in prescribed if a), default=0.0) / units.length))
+
+
 def _one_way(model: Model, external: np.ndarray) -> float:
     along = (model.unknowns.along(external, d) for d in range(3))
     ways = (np.maximum(sign * forces, 0.0) for forces in along for sign in (1.0, -1.0))
@@ -216,9 +235,9 @@ def _density(share: Share, load: BodyForce, cells: np.ndarray) -> np.ndarray:
     """Body force per volume on the chosen cells, (3,), model units. Collective."""
     units = share.units
     if load.density is not None:
-        return np.array(load.density) * (units.length / units.stress)
+        return units.numbers(np.array(load.density) * (units.length / units.stress))
     volumes = gauss_volumes(share.nodes[share.mesh.cells[cells[share.is_owned[cells]]]])
-    return np.array(load.total) / units.force / share.exact_sums([volumes])[0]
+    return units.numbers(np.array(load.total) / units.force / share.exact_sums([volumes])[0])
 
 
 def _lump_on_nodes(share: Share, on_cells: np.ndarray, on_nodes: np.ndarray) -> None:

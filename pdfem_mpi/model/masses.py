@@ -26,7 +26,7 @@ def make_masses(comm, points, bonds, nodes, elements, overlap, stable) -> tuple[
     """
     parts, raised = [], 0
     if points:
-        densities = fictitious_masses(points, bonds)
+        densities = fictitious_masses(comm, points, bonds)
         if stable:
             found = stable_densities(comm, points, bonds, densities)
             densities, raised = found.values, found.raised

@@ -27,6 +27,7 @@ from pdfem_mpi.peridynamics.making_bonds import bonds_of_scene
 from pdfem_mpi.peridynamics.points import Points, make_points
 from pdfem_mpi.peridynamics.stable_masses import relaxes
 from pdfem_mpi.peridynamics.uneven import CONVERGED, most_uneven_point
+from pdfem_mpi.peridynamics.volumetric import Moment
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -91,6 +92,11 @@ class Model:
         """Whether anything follows finite displacements: bonds, elements or both. The same on all ranks."""
         return bool((self.bonds and self.bonds.finite) or (self.elements and self.elements.finite))
 
+    @property
+    def moments(self) -> tuple[Moment, ...]:
+        """How near the points of materials with a volumetric part come to what is stable."""
+        return self.bonds.volumetric.moments if self.bonds and self.bonds.volumetric else ()
+
     @cached_property
     def unknowns(self) -> Unknowns:
         """The order of a vector over this rank's unknowns."""
@@ -122,7 +128,7 @@ def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, .
     Raises
     ------
     SceneError
-        A body whose bond factors cannot be fitted.
+        A body whose bond factors cannot be fitted, or whose bonds do not bear its Poisson's ratio.
     """
     subdomain, counts = share.subdomain, share.counts
     points = bonds = nodes = elements = overlap = body_fit = None
@@ -134,7 +140,7 @@ def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, .
         if remaining > CONVERGED:
             virial = scene.peridynamics.surface_correction != "appendix_a"
             most_uneven = most_uneven_point(comm, points, share.materials, bonds, virial)
-        if scene.output.damage:
+        if scene.output.has_damage:
             intact_weights = family_weights(comm, points, bonds)
         if scene.can_fail:
             own_energy = energy_of_own_bonds(comm, scene, share, points, bonds)

@@ -29,7 +29,7 @@ def prescribe(scene: Scene, share: Share, messages: list[str]):
         for d, amount in enumerate((support.x, support.y, support.z)):
             if amount is None:
                 continue
-            displacement = amount / share.units.length
+            displacement = float(share.units.numbers(amount / share.units.length))
             through = _count(share, own_nodes[nodes] & mirrored[nodes, d]) if amount and share.mirrors else 0
             if through:
                 messages.append(

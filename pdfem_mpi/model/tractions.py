@@ -48,9 +48,9 @@ def traction_forces(share: Share, load: Traction, chosen: ChosenFaces, where: st
     units = share.units
     (whole,) = share.exact_sums([areas[share.is_owned[cells]]]).tolist()
     if load.traction is not None:
-        traction = np.array(load.traction) / units.stress
+        traction = units.numbers(np.array(load.traction) / units.stress)
     else:
-        traction = np.array(load.total) / units.force / whole
+        traction = units.numbers(np.array(load.total) / units.force / whole)
     on_points = np.zeros((len(share.mesh.cells), 8, 3))
     if load.nodal == "equal":
         chosen_nodes = np.zeros(len(share.nodes), bool)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -59,6 +61,22 @@ class BondForces:
         self.excess = self.bonds.added - self.bonds.taken
         self.series = False
 
+    def phases(self, failure: Failure | None, margin: float, met: np.ndarray) -> Iterator[tuple[str, Callable]]:
+        """What an evaluation does between `start` and `finish_reverse`, in order: kind of phase, and its call.
+
+        Parameters
+        ----------
+        failure, margin : Failure or None, float
+            Bonds beyond their critical stretch, less the margin, break and are booked there.
+        met : float64, shape (2,)
+            The first is raised to what `Bounds.bond` bounds.
+        """
+        yield "exchange", self.start_forward
+        yield "bonds", partial(self._sweep, self.bonds.interior, failure, margin, met, self.points.halo)
+        yield "exchange", self.finish_forward
+        yield "bonds", partial(self._sweep, self.bonds.boundary, failure, margin, met)
+        yield "exchange", self.start_reverse
+
     @property
     def _has_z(self) -> bool:
         """Whether rows 3-5 of the table follow the displacements."""
@@ -90,19 +108,11 @@ class BondForces:
         self.points.halo.start_forward(self.S.reshape(-1, 2, 9, W)[:, :, 0:3])
 
     def finish_forward(self) -> None:
-        """Wait for the displacements of the ghosts."""
-        self.points.halo.finish_forward(self.S.reshape(-1, 2, 9, W)[:, :, 0:3])
-
-    def sweep_interior(self, failure: Failure | None, margin: float, met: np.ndarray) -> None:
-        """Add the forces of bonds between owned points, while messages are under way; see `_sweep`."""
-        self._sweep(self.bonds.interior, failure, margin, met, self.points.halo)
-
-    def sweep_boundary(self, failure: Failure | None, margin: float, met: np.ndarray) -> None:
-        """Add the forces of bonds with ghosts and images; see `_sweep`."""
+        """Wait for the displacements of the ghosts and images, and follow them."""
+        points = self.points
+        points.halo.finish_forward(self.S.reshape(-1, 2, 9, W)[:, :, 0:3])
         if self._has_z:
-            points = self.points
             point_table.complete_z(2 * points.n_owned, points.n_clusters, points.x, self.S.reshape(-1))
-        self._sweep(self.bonds.boundary, failure, margin, met)
 
     def start_reverse(self) -> None:
         """Send the forces on ghosts to their owners."""
@@ -137,17 +147,7 @@ class BondForces:
         return point_rows(np.ascontiguousarray(self.S[: 2 * self.points.n_owned, 0:3]).reshape(-1))
 
     def _sweep(self, rows: Rows, failure, margin, met, halo=None) -> None:
-        """Add the forces of rows of bonds.
-
-        Parameters
-        ----------
-        failure, margin : Failure or None, float
-            Bonds beyond their critical stretch, less the margin, break and are booked there.
-        met : float64, shape (2,)
-            The first is raised to what `Bounds.bond` bounds.
-        halo : Halo, optional
-            Whose messages progress meanwhile.
-        """
+        """Add the forces of rows of bonds; parameters as of `phases`, and a halo whose messages progress meanwhile."""
         extremes = np.zeros(2)
         table = self.S.reshape(-1), self.SI.reshape(-1), bond_response.constants(self.pattern)
         shared = (*rows.arrays, *table, extremes)
@@ -157,9 +157,18 @@ class BondForces:
         else:
             sweep = bond_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None]
             self.swept.add(bond_sweeps.NAMES[sweep])
-            limits = (failure.class_of, *failure.limits(self.bonds.finite, margin)) if failure else ()
-            shared += (*limits, *failure.records) if failure else NOTHING_FAILS
-        n_points = len(rows.start) - 1
+            shared += self._failing(failure, margin)
+        self._call(sweep, len(rows.start) - 1, shared, failure, halo)
+        met[0] = max(met[0], extremes[0], -extremes[1])
+
+    def _failing(self, failure: Failure | None, margin: float) -> tuple:
+        """What sweeps that may break bonds take besides."""
+        if failure is None:
+            return NOTHING_FAILS
+        return failure.class_of, *failure.limits(self.bonds.finite, margin), *failure.records
+
+    def _call(self, sweep: Callable, n_points: int, shared: tuple, failure=None, halo=None) -> None:
+        """Call a sweep over all points in pieces, book what broke in each, and let messages progress."""
         for start in range(0, n_points, CHUNK):
             first, last = start, min(start + CHUNK, n_points)
             while first < last:
@@ -168,7 +177,6 @@ class BondForces:
                     failure.book(self.points, self.bonds, self.S)
             if halo is not None:
                 halo.test()
-        met[0] = max(met[0], extremes[0], -extremes[1])
 
 
 def pages(shape: tuple[int, ...]) -> np.ndarray:

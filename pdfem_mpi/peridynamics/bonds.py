@@ -16,6 +16,7 @@ from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.images import MAGNITUDES, Parity, halo_for
 from pdfem_mpi.peridynamics.points import Points, sums_table
 from pdfem_mpi.peridynamics.rows import Rows
+from pdfem_mpi.peridynamics.volumetric import Volumetric, stiffening
 
 #: Response constant ``c = 9 k / (pi l^4)`` (eq. 2) per Young's modulus in model units, where
 #: ``k = E / (3 (1 - 2 nu)) = 2/3``.
@@ -44,6 +45,8 @@ class Bonds:
         Largest force of a bond per unit stretch, on all ranks.
     stiffest : float, dimension force / length
         Largest half of that over the bond's length, on all ranks.
+    volumetric : Volumetric or None
+        What Poisson's ratio asks for beside the bonds; None where it is 1/4.
     """
 
     interior: Rows
@@ -55,6 +58,7 @@ class Bonds:
     by_material: np.ndarray
     strongest: float
     stiffest: float
+    volumetric: Volumetric | None = None
 
     @property
     def added(self) -> np.ndarray:
@@ -147,12 +151,17 @@ class Bonds:
         return 0.5 if self.finite else 0.0
 
     @property
+    def of_materials(self) -> tuple[np.ndarray, np.ndarray]:
+        """Materials of the clusters, and the scale of their volumetric part, as kernels take them; empty without."""
+        return self.volumetric.of_bonds if self.volumetric else (np.empty(0, np.int16), np.ones((1, 1)))
+
+    @property
     def _stride(self) -> int:
         """Stored numbers of a row."""
         return 2 * W if self.finite else W
 
 
-def fictitious_masses(points: Points, bonds: Bonds) -> np.ndarray:
+def fictitious_masses(comm, points: Points, bonds: Bonds) -> np.ndarray:
     """``lambda_i w_i`` of the owned points (eq. 11 with g_ij), for a time step of 1. Collective.
 
     Returns
@@ -161,7 +170,9 @@ def fictitious_masses(points: Points, bonds: Bonds) -> np.ndarray:
         By cluster and lane.
     """
     T, _ = sums_table(points)
-    sums, quantum, _ = bonds.sum_over(add_densities, T, bonds.stiffest, points, MAGNITUDES)
+    h, growth = stiffening(comm, points, bonds)
+    bound = bonds.stiffest * (1.0 + growth)
+    sums, quantum, _ = bonds.sum_over(add_densities, T, bound, points, MAGNITUDES, *bonds.of_materials, h)
     return np.ascontiguousarray((sums * quantum).max(axis=1)).reshape(-1)
 
 

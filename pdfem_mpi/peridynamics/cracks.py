@@ -14,7 +14,7 @@ from pdfem_mpi.peridynamics.points import Points
 
 def cut_crack(share: Share, comm, points: Points, bonds: Bonds, crack: Crack) -> int:
     """Cut the bonds that cross a crack of the deck or one of its mirror images; their number. Collective."""
-    corners = (np.array(crack.polygon) - share.units.origin) / share.units.length
+    corners = share.units.places(np.array(crack.polygon))
     normal = np.array(polygon_normal(crack.polygon)[0])
     reach = np.array([[-1.0], [1.0]]) * share.cutoff
     body = np.array([share.lower, share.upper]) + reach

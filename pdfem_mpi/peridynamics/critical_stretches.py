@@ -44,7 +44,8 @@ def critical_stretches(scene: Scene, share: Share) -> np.ndarray:
     # All points of element regions follow nodes; a deck that says so lets bonds between them break.
     follows = np.array([k >= len(scene.regions) or r.model != "peridynamics" for k, r in enumerate(regions)])
     allowed = ~follows | np.array([lets_overlap_fail(region) for region in regions])
-    critical = np.minimum(of_materials[material[:, None], material], UNBREAKABLE)
+    stretches = np.where(of_materials < UNBREAKABLE, share.units.numbers(of_materials), UNBREAKABLE)
+    critical = stretches[material[:, None], material]
     breaks = may[:, None] & may & (~(follows[:, None] & follows) | (allowed[:, None] & allowed))
     return np.where(breaks, critical, UNBREAKABLE)
 

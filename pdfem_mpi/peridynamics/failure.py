@@ -13,7 +13,9 @@ free point hangs on the elements, and without them it parts from these.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +29,8 @@ from pdfem_mpi.peridynamics.points import Points
 
 #: Records a sweep can hold before they are booked; a point with more rows gets more.
 RECORDS = 16384
+#: Signs by which lower and upper corners of bounding boxes are both largest.
+SIDES = np.array([[-1.0], [1.0]])
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,8 @@ class Failure:
         Bounding box of the midpoints of all broken bonds; inf where there are none.
     last_extent : float64, shape (2, 3), dimension length
         That of the bonds broken by the last evaluation that broke any.
+    released_at_points : callable or None
+        What else than their own energy `Broken` bonds took at the last evaluation, as digits of all ranks. Collective.
     """
 
     class_of: np.ndarray
@@ -75,6 +81,7 @@ class Failure:
     dissipated: float = 0.0
     extent: np.ndarray = field(default_factory=lambda: nowhere())
     last_extent: np.ndarray = field(default_factory=lambda: nowhere())
+    released_at_points: Callable[[Any, Broken], np.ndarray] | None = None
     _fresh: list[Broken] = field(default_factory=list)
     _pairs: list[np.ndarray] | None = None
     _digits: np.ndarray = field(default_factory=lambda: np.zeros(SIZE, np.int64))
@@ -126,27 +133,24 @@ class Failure:
 
     def close(self, comm) -> int:
         """Join the books of all ranks after an evaluation that breaks; the number of bonds it broke. Collective."""
-        fresh = sum(len(broken.pairs) for broken in self._fresh[self._closed :])
-        joined = sum_integers(comm, np.append(self._digits, fresh))
+        fresh = _joined(self._fresh[self._closed :])
+        joined = sum_integers(comm, np.append(self._digits, len(fresh.pairs)))
         self._closed = len(self._fresh)
         if joined[-1]:
             self._digits[:] = 0
-            self._total += joined[:-1]
+            more = self.released_at_points(comm, fresh) if self.released_at_points else 0
+            self._total += joined[:-1] + more
             carry(self._total)
             self.count += int(joined[-1])
             self.dissipated = value(self._total)
-            sign = np.array([[-1.0], [1.0]])
-            self.last_extent = sign * largest(comm, sign * self._box)
-            self.extent = sign * np.maximum(sign * self.extent, sign * self.last_extent)
+            self.last_extent = SIDES * largest(comm, SIDES * self._box)
+            self.extent = SIDES * np.maximum(SIDES * self.extent, SIDES * self.last_extent)
             self._box = nowhere()
         return int(joined[-1])
 
     def take(self) -> Broken:
         """The bonds broken on this rank since the last call."""
-        taken = Broken(
-            np.concatenate([np.empty((0, 2), np.int64), *(b.pairs for b in self._fresh)]),
-            np.concatenate([np.empty((0, 2), np.float32), *(b.strengths for b in self._fresh)]),
-        )
+        taken = _joined(self._fresh)
         self._fresh.clear()
         self._closed = 0
         return taken
@@ -214,6 +218,12 @@ class Failure:
     def dissipated_digits(self) -> np.ndarray:
         """The dissipated energy as an exact sum, equal on all ranks; int64, shape (SIZE,)."""
         return self._total
+
+
+def _joined(parts: list[Broken]) -> Broken:
+    """All of several."""
+    pairs = np.concatenate([np.empty((0, 2), np.int64), *(part.pairs for part in parts)])
+    return Broken(pairs, np.concatenate([np.empty((0, 2), np.float32), *(part.strengths for part in parts)]))
 
 
 def nowhere() -> np.ndarray:

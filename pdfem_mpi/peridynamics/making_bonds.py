@@ -20,6 +20,7 @@ from pdfem_mpi.peridynamics.fit.fit import BodyFit, fit_body
 from pdfem_mpi.peridynamics.points import Points
 from pdfem_mpi.peridynamics.rows import find_bonds, within_bodies
 from pdfem_mpi.peridynamics.surface_correction import appendix_a
+from pdfem_mpi.peridynamics.volumetric import volumetric_part, with_moments
 from pdfem_mpi.system.heap import large_arrays_together
 
 
@@ -44,7 +45,7 @@ def bonds_of_scene(
     Raises
     ------
     SceneError
-        Bond factors cannot be fitted.
+        Bond factors cannot be fitted, or bonds do not bear a material's Poisson's ratio.
     """
     settings, body_fit = scene.peridynamics, None
     fitted = settings.surface_correction == "fitted"
@@ -60,7 +61,7 @@ def bonds_of_scene(
             bonds, remaining = make_bonds(*body, correction)
     if settings.stiffness_noise:
         bonds = perturbed(points, bonds, settings.stiffness_noise, settings.seed)
-    return bonds, remaining, body_fit
+    return with_moments(comm, points, bonds, share.materials), remaining, body_fit
 
 
 def make_bonds(
@@ -92,6 +93,7 @@ def make_bonds(
     of_point, at_cluster = of_point.astype(np.int32), at_cluster.astype(np.int32)
 
     constants = RESPONSE_CONSTANT * materials.bond_modulus
+    part = volumetric_part(comm, points, materials)
 
     def filled(factor):
         counts, strongest = np.zeros(constants.shape, np.int64), np.zeros(2)
@@ -103,8 +105,9 @@ def make_bonds(
         if points.images:
             share_own_images(*boundary.arrays, points.cell_number, points.material, finite, counts)
         return Bonds(
-            interior, boundary, finite, cutoff, of_point, at_cluster, counts, *largest(comm, strongest).tolist()
-        )
+            interior, boundary, finite, cutoff, of_point, at_cluster, counts, *largest(comm, strongest).tolist(),
+            part,
+        )  # fmt: skip
 
     bonds = filled(np.empty(0))
     if correction == "none":

@@ -29,6 +29,7 @@ from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.images import MAGNITUDES, MIXED_PRODUCTS, SCALAR, halo_for
 from pdfem_mpi.peridynamics.points import Points, sums_table
+from pdfem_mpi.peridynamics.volumetric import stiffening
 
 #: Eigenvalues of ``M^-1 K`` that central differences bear, and what raised masses leave of it: at the limit itself a
 #: motion would never be damped. The tenth also covers bonds that turn and stretch in finite kinematics.
@@ -74,8 +75,9 @@ def stable_densities(comm, points: Points, bonds: Bonds, densities: np.ndarray) 
     """
     weight = np.ones(len(densities))
     asked, proven, bound, blocks = np.empty_like(weight), np.inf, densities, None
+    growth_of_bonds = stiffening(comm, points, bonds)
     for step in range(STEPS):
-        weighted, slack = _weighted_blocks(points, bonds, weight)
+        weighted, slack = _weighted_blocks(points, bonds, weight, *growth_of_bonds)
         blocks = weighted if blocks is None else blocks  # all weights are 1 at first
         stiffness_bounds(blocks, weighted, weight, slack, asked)
         ratio = np.divide(asked, densities, out=np.where(asked > 0.0, np.inf, 0.0), where=densities > 0.0)
@@ -107,15 +109,21 @@ def describe_raised(raised: int, n_points: int) -> str:
     )
 
 
-def _weighted_blocks(points: Points, bonds: Bonds, weight: np.ndarray) -> tuple[np.ndarray, float]:
-    """``C`` of the owned points for weights of at most 1, (n_points, 6), and the rounding of an entry. Collective."""
+def _weighted_blocks(
+    points: Points, bonds: Bonds, weight: np.ndarray, h: np.ndarray, growth: float
+) -> tuple[np.ndarray, float]:
+    """``C`` of the owned points for weights of at most 1, (n_points, 6), and the rounding of an entry. Collective.
+
+    ``h`` and ``growth`` are those of `volumetric.stiffening`.
+    """
+    bound, stiffer = 2.0 * bonds.stiffest * (1.0 + growth), (*bonds.of_materials, h)
     T, _ = sums_table(points)
     n, halves = 2 * points.n_owned, []
     T[:n, 0] = weight.reshape(-1, W)
     halo_for(points.halo, SCALAR).scatter_forward(T.reshape(-1, 2, 9, W)[:, :, 0:1])
     for mixed in (False, True):
         parity = MIXED_PRODUCTS if mixed else MAGNITUDES
-        sums, quantum, _ = bonds.sum_over(add_weighted_blocks, T, 2.0 * bonds.stiffest, points, parity, mixed)
+        sums, quantum, _ = bonds.sum_over(add_weighted_blocks, T, bound, points, parity, mixed, *stiffer)
         halves.append(sums * quantum)
     blocks = np.ascontiguousarray(np.concatenate(halves, axis=1).swapaxes(1, 2).reshape(-1, 6))
     return blocks, 0.5 * quantum * MOST_BONDS

@@ -30,7 +30,7 @@ def appendix_a(
     blocks = T.reshape(-1, 2, 9, W)
     # of Young's modulus 1
     infinite_response = 1.0 if virial else correction_sweeps.INFINITE_RESPONSE * BULK_MODULUS
-    target = np.repeat(infinite_response * materials.youngs_modulus[points.material[: points.n_owned]], 2)
+    target = np.repeat(infinite_response * materials.own_bond_modulus[points.material[: points.n_owned]], 2)
     halo = halo_for(points.halo, MAGNITUDES)
     remaining = 0.0
     longest = max(1.0, 0.5 * bonds.cutoff) if virial else 1.0

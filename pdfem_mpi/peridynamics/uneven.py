@@ -38,7 +38,7 @@ def most_uneven_point(comm, points: Points, materials: MaterialTable, bonds: Bon
     owned = 2 * points.n_owned
     response = quantum * integers.reshape(-1, 9, W)[:owned, 6:9] / points.volume.reshape(-1, 1, W)[:owned]
     infinite = 1.0 if virial else correction_sweeps.INFINITE_RESPONSE * BULK_MODULUS
-    target = np.repeat(infinite * materials.youngs_modulus[points.material[: points.n_owned]], 2)
+    target = np.repeat(infinite * materials.own_bond_modulus[points.material[: points.n_owned]], 2)
     off = np.abs(response / target[:, None, None] - 1.0).max(axis=1).reshape(-1)
     found = None
     if off.size:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from pdfem_mpi.results import vtkhdf
 from pdfem_mpi.results.labels import as_it_is, attempt
 from pdfem_mpi.results.ownership import Written
 from pdfem_mpi.results.plots import DPI, LEGEND, SIZE_INCHES, STYLE
+from pdfem_mpi.results.run_folder import read_history
 from pdfem_mpi.system.files import replacing
 
 COLORS = {"stable": "#0072B2", "avalanche": "#D55E00", "work": "#000000"}
@@ -34,17 +34,6 @@ DAMAGE_SCALE = Normalize(0.0, 0.5)
 FILM_DPI, FRAME_SECONDS = 80, 0.25
 
 
-def read_history(path: str | Path) -> dict[str, list]:
-    """Columns of a history.csv: numbers, texts of ``event``, and None where a field is empty."""
-    with open(path, newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    columns: dict[str, list] = {name: [] for name in (rows[0] if rows else ())}
-    for row in rows:
-        for name, text in row.items():
-            columns[name].append(text if name == "event" else float(text) if text else None)
-    return columns
-
-
 def draw_failure(
     folder: str | Path, title: str, length: str, force: str, film: bool = False, *, warn: Callable[[str], None]
 ) -> list[Path]:
@@ -59,7 +48,7 @@ def draw_failure(
     film : bool
         Draw ``damage.gif`` too.
     warn : callable
-        Hears of figures that could not be drawn.
+        Called with a sentence about each figure that could not be drawn.
 
     Returns
     -------
@@ -69,7 +58,7 @@ def draw_failure(
     folder = Path(folder)
     history = read_history(folder / "history.csv")
     drawn: list[Path] = []
-    if not history.get("broken_bonds"):
+    if not len(history.get("broken_bonds", ())):
         return drawn
     (folder / "figures").mkdir(exist_ok=True)
     written = Written(folder)
@@ -102,10 +91,9 @@ def _new_figure(title: str) -> Figure:
 
 
 def _draw_reaction(path: Path, history: dict, title: str, length: str, force: str) -> Path:
-    """Reaction over displacement; equilibria told from states within an avalanche."""
-    u, reaction = (np.array(history[name]) for name in ("displacement", "reaction"))
-    events = np.array(history["event"])
-    stable = np.isin(events, ("critical", "arrest", "step"))
+    """Reaction over displacement; equilibria and states within an avalanche have different markers."""
+    u, reaction = history["displacement"], history["reaction"]
+    stable = np.isin(history["event"], ("critical", "arrest", "step"))
     with matplotlib.rc_context(STYLE), replacing(path) as temporary:
         figure = _new_figure(title)
         axes = figure.subplots()
@@ -136,12 +124,12 @@ def _draw_reaction(path: Path, history: dict, title: str, length: str, force: st
 
 def _draw_energies(path: Path, history: dict, title: str, length: str, force: str) -> Path:
     """Energies over the number of broken bonds."""
-    broken = np.array(history["broken_bonds"])
+    broken = history["broken_bonds"]
     with matplotlib.rc_context(STYLE), replacing(path) as temporary:
         figure = _new_figure(title)
         axes = figure.subplots()
         for name, label, color in ENERGIES:
-            if None not in history[name]:
+            if not np.isnan(history[name]).any():
                 axes.plot(broken, history[name], "o-", color=color, label=label, markersize=3, linewidth=1.4)
         axes.set_xlabel("broken bonds")
         axes.set_ylabel(f"energy{_unit(force, length)}")
@@ -191,7 +179,7 @@ class _Layer:
 
 def stages(broken: Sequence[float], n_frames: int) -> list[int]:
     """Frames that show the start, two stages on the way and the end: by shares of the bonds broken at the end."""
-    counts = np.array(broken[:n_frames])
+    counts = np.asarray(broken[:n_frames])
     first = int(np.argmax(counts > 0))
     shares = [first + int(np.argmin(np.abs(counts[first:] - share * counts[-1]))) for share in (1 / 3, 2 / 3)]
     return sorted({first, *shares, n_frames - 1})

@@ -18,6 +18,9 @@ from pdfem_mpi.system.plain_files import read_plain
 WORDS = "event"
 #: A summary has no more bytes.
 MOST_BYTES = 1 << 24
+#: Keys of a summary that are no results of the case, and how names of wall times begin, which go last.
+NOT_RESULTS = ("schema_version", "exit_code", "ranks", "versions")
+WALL_TIMES = "seconds."
 #: Of these one at least is in every run folder.
 MARKS = ("summary.json", "history.csv", "checkpoints", "run.log")
 
@@ -29,6 +32,30 @@ def read_summary(folder: str | Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return content if isinstance(content, dict) else None
+
+
+#: Components of vectors and of symmetric tensors.
+AXES = {3: ("x", "y", "z"), 6: ("xx", "yy", "zz", "xy", "yz", "zx")}
+
+
+def numbers_of(summary: dict[str, Any]) -> dict[str, float]:
+    """All numbers of a summary by dotted name; probes without prefix, vectors by component, wall times last."""
+    found: dict[str, float] = {}
+
+    def visit(name: str, value: Any) -> None:
+        if isinstance(value, dict):
+            for key, item in value.items():
+                visit(f"{name}.{key}" if name and name != "probes" else key, item)
+        elif isinstance(value, list) and len(value) in AXES and all(isinstance(item, float) for item in value):
+            for axis, item in zip(AXES[len(value)], value, strict=True):
+                visit(f"{name}_{axis}", item)
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            found[name] = value
+
+    for key, value in summary.items():
+        if key not in NOT_RESULTS:
+            visit(key, value)
+    return dict(sorted(found.items(), key=lambda item: item[0].startswith(WALL_TIMES)))
 
 
 def read_history(path: str | Path) -> dict[str, np.ndarray]:
@@ -85,6 +112,11 @@ class Frames:
         """What the frames hold, such as ``displacement`` and ``damage``."""
         return vtkhdf.frame_fields(self.path)
 
+    @property
+    def cell_names(self) -> list[str]:
+        """What they hold of the cells of elements, such as ``stress``."""
+        return vtkhdf.frame_fields(self.path, "CellData")
+
     def field(self, name: str, frame: int = -1) -> np.ndarray:
         """A field of one frame; negative frames count from the last.
 
@@ -104,12 +136,19 @@ class Frames:
         IndexError
             There is no such frame.
         """
+        return self._read(name, frame, "PointData", self.names)
+
+    def of_cells(self, name: str, frame: int = -1) -> np.ndarray:
+        """A field of the cells of elements, one of `cell_names`; as `field`, with a row for each cell."""
+        return self._read(name, frame, "CellData", self.cell_names)
+
+    def _read(self, name: str, frame: int, kind: vtkhdf.Kind, known: list[str]) -> np.ndarray:
         count = vtkhdf.frames(self.path)
         if not -count <= frame < count:
             raise IndexError(f"{self.path} has {count} frames, and no frame {frame}.")
-        if name not in self.names:
-            raise KeyError(f"{self.path} holds {', '.join(self.names)}, and no {name}.")
-        return vtkhdf.read_frame(self.path, name, frame % count)
+        if name not in known:
+            raise KeyError(f"{self.path} holds {', '.join(known) or 'nothing'}, and no {name}.")
+        return vtkhdf.read_frame(self.path, name, frame % count, kind)
 
     def displacement(self, frame: int = -1) -> np.ndarray:
         """Displacements of a frame, float32, shape (n, 3), dimension length."""
@@ -160,6 +199,17 @@ class RunFolder:
         if content is None:
             raise FileNotFoundError(f"{self.path} has no summary.json that can be read: the run has not ended.")
         return content
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """All numbers of the summary by dotted name: probes by their own, vectors by component, wall times last.
+
+        Raises
+        ------
+        FileNotFoundError
+            As `summary`.
+        """
+        return numbers_of(self.summary)
 
     @property
     def history(self) -> dict[str, np.ndarray]:

@@ -32,6 +32,10 @@ STEP_ENTRIES = {
     "ConnectivityIdOffsets": ((1,), 0),
 }
 
+#: How many rows a frame has of each kind of field.
+COUNTS = {"PointData": "NumberOfPoints", "CellData": "NumberOfCells"}
+
+Kind = Literal["PointData", "CellData"]
 Precision = Literal["f4", "f8"]
 Arrays = Mapping[str, np.ndarray]
 
@@ -152,10 +156,10 @@ def frames(path: str | Path) -> int:
         return int(file["VTKHDF/Steps"].attrs["NSteps"])
 
 
-def frame_fields(path: str | Path) -> list[str]:
-    """Names of the point fields that the frames have."""
+def frame_fields(path: str | Path, kind: Kind = "PointData") -> list[str]:
+    """Names of the fields of points (or nodes), or of cells, that the frames have."""
     with h5py.File(path, "r", locking=False) as file:
-        return sorted(file["VTKHDF/Steps/PointDataOffsets"])
+        return sorted(file[f"VTKHDF/Steps/{kind}Offsets"])
 
 
 def read_times(path: str | Path) -> np.ndarray:
@@ -171,8 +175,8 @@ def read_points(path: str | Path) -> np.ndarray:
         return file["VTKHDF/Points"][:]
 
 
-def read_frame(path: str | Path, name: str, frame: int) -> np.ndarray:
-    """A point field of one frame, shape (n,) or (n, k).
+def read_frame(path: str | Path, name: str, frame: int, kind: Kind = "PointData") -> np.ndarray:
+    """A field of one frame, of points (or nodes) or of cells, shape (n,) or (n, k).
 
     Raises
     ------
@@ -184,8 +188,8 @@ def read_frame(path: str | Path, name: str, frame: int) -> np.ndarray:
         present = int(root["Steps"].attrs["NSteps"])
         if not 0 <= frame < present:
             raise ValueError(f"{path}: has {present} frames, and no frame {frame}")
-        start = int(root["Steps/PointDataOffsets"][name][frame])
-        return root["PointData"][name][start : start + int(root["NumberOfPoints"][0])]
+        start = int(root[f"Steps/{kind}Offsets"][name][frame])
+        return root[kind][name][start : start + int(root[COUNTS[kind]][0])]
 
 
 def truncate(path: str | Path, n_frames: int) -> None:
@@ -240,7 +244,7 @@ def _rows(root: h5py.Group, kind: str, name: str, values: np.ndarray) -> np.ndar
     """Return a field in the type that is stored, after a check of its name and shape."""
     if name in root[kind] and name not in root["Steps"][kind + "Offsets"]:
         raise ValueError(f"{root.file.filename}: {kind} {name} is a static field")
-    n_rows = int(root["NumberOfPoints" if kind == "PointData" else "NumberOfCells"][0])
+    n_rows = int(root[COUNTS[kind]][0])
     values = np.asarray(values)
     if values.ndim not in (1, 2) or len(values) != n_rows:
         raise ValueError(f"{root.file.filename}: {kind} {name} has shape {values.shape}, needs {n_rows} rows")
@@ -270,7 +274,7 @@ def _cut(root: h5py.Group, n_frames: int) -> None:
     steps = root["Steps"]
     for name in ("Values", *STEP_ENTRIES):
         steps[name].resize(n_frames, axis=0)
-    for kind, count in (("PointData", "NumberOfPoints"), ("CellData", "NumberOfCells")):
+    for kind, count in COUNTS.items():
         offsets, fields = steps[kind + "Offsets"], root[kind]
         for name in list(offsets):
             if n_frames:

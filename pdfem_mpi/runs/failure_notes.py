@@ -42,8 +42,8 @@ class Criterion:
     fracture_energy_bulk : float, dimension force / length
         Of all bonds that a plane inside a body without ends cuts, without surface correction.
     fracture_energy_own_bonds : tuple of three floats or None, dimension force / length
-        Of those that planes normal to x, y and z cut in this body before cracks, mean over the planes' places; None
-        where no cell of the material may fail.
+        Of those that planes normal to x, y and z cut in this body before cracks, mean over the planes' places, with
+        the bulk's share of the dilatation beside them; None where no cell of the material may fail.
     """
 
     critical_stretch: float
@@ -62,7 +62,8 @@ def criteria(scene: Scene, share: Share, model: Model) -> dict[str, Criterion]:
     for (name, material), stretch, own in zip(materials_of(scene).items(), stretches, model.own_energy, strict=True):
         if not stretch < math.inf:
             continue
-        energies = own * stretch**2 * units.stress * units.length
+        whole = 1.0 + material.share_of_dilatation(ratio)  # of the bonds alone
+        energies = own * stretch**2 * whole * units.stress * units.length
         found[name] = Criterion(
             critical_stretch=float(stretch),
             strength=float(material.youngs_modulus * stretch),

@@ -14,6 +14,7 @@ from pdfem_mpi.results.cursor import continue_frames, set_aside
 from pdfem_mpi.results.frame_digest import FrameDigest
 from pdfem_mpi.runs.output import Output, Place
 
+Arrays = dict[str, Any]
 HISTORY_FILE, POINTS_FILE, ELEMENTS_FILE = "history.csv", "points.vtkhdf", "elements.vtkhdf"
 
 
@@ -27,14 +28,22 @@ class FramesOutput(Output):
     create : callable
         ``create(place, path)`` writes its geometry.
     pick : callable
-        The displacements of its places in `Fields`.
+        What its points, or nodes, and its cells have in `Fields`, by name.
+    names : tuple of str
+        Of the fields that the deck asks for.
     has_damage : bool
     """
 
-    def __init__(self, name: str, create: Callable[[Place, Path], None], pick: Callable[[Fields], np.ndarray | None],
-                 has_damage: bool = False) -> None:  # fmt: skip
+    def __init__(
+        self,
+        name: str,
+        create: Callable[[Place, Path], None],
+        pick: Callable[[Fields], tuple[Arrays, Arrays]],
+        names: tuple[str, ...],
+        has_damage: bool = False,
+    ) -> None:
         super().__init__()
-        self.name, self.create, self.pick, self.has_damage = name, create, pick, has_damage
+        self.name, self.create, self.pick, self.names, self.has_damage = name, create, pick, names, has_damage
         self.path: Path
         self.digest: FrameDigest
 
@@ -54,10 +63,23 @@ class FramesOutput(Output):
     def write(self, columns: dict[str, Any], fields: Fields | None, damage: np.ndarray | None) -> None:
         from pdfem_mpi.results import vtkhdf
 
-        arrays = {"displacement": self.pick(fields)}
+        on_points, on_cells = (
+            {name: found[name] for name in self.names if name in found} for found in self.pick(fields)
+        )
         if damage is not None and self.has_damage:
-            arrays["damage"] = damage
-        vtkhdf.append_frame(self.path, columns["load_factor"], arrays, digest=self.digest)
+            on_points["damage"] = damage
+        time = columns.get("time", columns["load_factor"])
+        vtkhdf.append_frame(self.path, time, on_points, on_cells, digest=self.digest)
+
+
+def fields_of_points(fields: Fields) -> tuple[Arrays, Arrays]:
+    """What the peridynamic points have."""
+    return {"displacement": fields.u_points, **fields.of_points}, {}
+
+
+def fields_of_elements(fields: Fields) -> tuple[Arrays, Arrays]:
+    """What the nodes of elements have, and their cells."""
+    return {"displacement": fields.u_nodes}, fields.of_cells
 
 
 def create_points(place: Place, path: Path) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pdfem_mpi.body.model_units import ModelUnits
+from pdfem_mpi.deck.mechanical_probes import CutProbe
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.stepping import Report
 
 HISTORY = (
@@ -18,9 +21,22 @@ FAILURE_HISTORY = (
 )  # fmt: skip
 
 
-def columns_of(fails: bool) -> tuple[str, ...]:
-    """Columns of history.csv; more where bonds can break."""
-    return HISTORY + FAILURE_HISTORY if fails else HISTORY
+def columns_of(fails: bool, scene: Scene) -> tuple[str, ...]:
+    """Columns of history.csv; more where bonds can break, of a program over a time, and of probes read at every row."""
+    columns = HISTORY + FAILURE_HISTORY if fails else HISTORY
+    timed = getattr(scene.stepping, "times", None) is not None
+    return columns + (("time",) if timed else ()) + tuple(probe_row(scene.probes, {}))
+
+
+def probe_row(probes: Sequence[Any], probed: Mapping[str, Any]) -> dict[str, float | None]:
+    """What the cuts among the probes carry, by their columns of history.csv; None where that is not known."""
+    cuts = [probe.name for probe in probes if isinstance(probe, CutProbe)]
+    return {
+        f"{name}.{word}_{axis}": probed[name][word][d] if name in probed else None
+        for name in cuts
+        for word in ("force", "moment")
+        for d, axis in enumerate("xyz")
+    }
 
 
 def history_row(row: Report, units: ModelUnits, fails: bool) -> dict[str, Any]:
@@ -40,6 +56,8 @@ def history_row(row: Report, units: ModelUnits, fails: bool) -> dict[str, Any]:
         "moment_balance": row.moment_balance,
         "wall_seconds": row.seconds,
     }
+    if row.time is not None:
+        columns["time"] = row.time
     if fails:
         energy = units.force * units.length
         extent = row.extent * units.length + units.origin

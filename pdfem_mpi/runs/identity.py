@@ -9,7 +9,7 @@ from typing import Any
 
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.deck.table import show
+from pdfem_mpi.deck.table import leaves, show
 
 #: Keys that say nothing about the states a run goes through. A name stands for its table's keys too.
 FREE = ("title", "units", "probes", "output", "checkpoint")
@@ -28,15 +28,14 @@ HELD_NOW = (
     "as before, or begin anew"
 )
 #: Where the load goes: what was done already must stay.
-LOAD_FACTORS = "stepping.load_factors"
+LOAD_FACTORS, TIMES = "stepping.load_factors", "stepping.times"
 #: Stands for the mesh itself among the keys.
 MESH = "mesh, its nodes and cells"
 
 
 def identity(scene: Scene, share: Share) -> dict[str, Any]:
     """Every key of the scene by its dotted path, as JSON knows it, and a digest of the mesh and its regions."""
-    keys: dict[str, Any] = {}
-    _flatten(json.loads(scene.model_dump_json()), "", keys)
+    keys: dict[str, Any] = dict(leaves(json.loads(scene.model_dump_json())))
     keys[KINEMATICS] = keys[KINEMATICS] or "finite"  # as checkpoints had it when that was the default
     if scene.has_finite_elements and scene.kinematics == "finite":
         keys[ELEMENTS_BESIDE_BONDS if scene.has_peridynamics else ELEMENTS] = "finite"
@@ -47,7 +46,7 @@ def identity(scene: Scene, share: Share) -> dict[str, Any]:
 
 def sha256(keys: Mapping[str, Any]) -> str:
     """Digest of the keys that define the scene: equal for runs that may continue each other."""
-    defining = {key: value for key, value in keys.items() if not _is(key, FREE + MAY_CHANGE + (LOAD_FACTORS,))}
+    defining = {key: value for key, value in keys.items() if not _is(key, FREE + MAY_CHANGE + (LOAD_FACTORS, TIMES))}
     return hashlib.sha256(json.dumps(defining, sort_keys=True).encode()).hexdigest()
 
 
@@ -69,6 +68,7 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any], steps_done: int
         Changes that may be made.
     """
     refused, allowed = [], []
+    done = -(-steps_done // (now.get("stepping.increments") or 1))
     for key in dict.fromkeys((*then, *now)):
         a, b = then.get(key), now.get(key)
         if a == b or _is(key, FREE):
@@ -76,7 +76,7 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any], steps_done: int
         values = "differs" if key == MESH else f"was {_show(then, key)}, the deck has {_show(now, key)}"
         if _held_now(key, a, b):
             values += f", {HELD_NOW.format(key=key)}"
-        if _is(key, MAY_CHANGE) or (key == LOAD_FACTORS and a and b and a[:steps_done] == b[:steps_done]):
+        if _is(key, MAY_CHANGE) or (key in (LOAD_FACTORS, TIMES) and a and b and a[:done] == b[:done]):
             allowed.append(f"{key} {values}")
         else:
             refused.append(f"{key} {values}")
@@ -104,17 +104,6 @@ def _may_fail(scene: Scene, share: Share) -> dict[str, bool]:
 
 def _held_now(key: str, then: Any, now: Any) -> bool:
     return key.startswith("regions.") and key.endswith(".may_fail") and then is True and now is None
-
-
-def _flatten(value: Any, path: str, keys: dict[str, Any]) -> None:
-    """Tables and lists of tables into dotted paths; lists of numbers stay whole."""
-    tables = isinstance(value, list) and value and all(isinstance(item, dict) for item in value)
-    if isinstance(value, dict) or tables:
-        items = value.items() if isinstance(value, dict) else enumerate(value)
-        for name, item in items:
-            _flatten(item, f"{path}.{name}" if path else f"{name}", keys)
-    else:
-        keys[path] = value
 
 
 def _is(key: str, names: tuple[str, ...]) -> bool:

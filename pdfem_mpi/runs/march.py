@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage, gather_fields
+from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage
 from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.parallel.comm import on_root
 from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests, place_of
 from pdfem_mpi.parallel.traffic import TRAFFIC, join
 from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.runs.checkpoints import CheckpointWriter
-from pdfem_mpi.runs.history_rows import history_row
+from pdfem_mpi.runs.energy_release import energy_releases
+from pdfem_mpi.runs.history_rows import history_row, probe_row
 from pdfem_mpi.runs.memory_report import Watched
 from pdfem_mpi.runs.outputs import Outputs
 from pdfem_mpi.runs.reporter import Reporter
@@ -108,9 +109,12 @@ class March:
             if not self.wanted:
                 ended.digest = digest_fields(simulation.share, simulation.forces, state.u)
             elif not rows:
-                ended.fields = gather_fields(simulation.share, simulation.forces, state.u)
+                ended.fields = simulation.fields(probes=simulation.probe_reader)
             state.program["over"] = 1
             self.stop_requests.save(state)
+            released = energy_releases(simulation, lambda text: self.reporter.line(f"warning: {text}"))
+            if ended.fields is not None:
+                ended.fields.probed.update(released)
         except (NotConverged, NotFinite) as error:
             ended.code, ended.reason = EXIT_NOT_CONVERGED, str(error)
             self.checkpoints.save_good()
@@ -139,8 +143,9 @@ class March:
             self._warned_of_strains = True
         began = perf_counter()
         if self.wanted:
-            ended.fields = gather_fields(simulation.share, simulation.forces, simulation.state.u)
+            ended.fields = simulation.fields(*simulation.scene.output.mechanical, probes=simulation.probe_reader)
         columns = history_row(report, simulation.share.units, simulation.failure is not None)
+        columns |= probe_row(simulation.scene.probes, ended.fields.probed if ended.fields else {})
         ended.damage = gather_damage(simulation.share, simulation.model, self.remaining, simulation.failure)
         on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))
         self.reporter.row(columns)

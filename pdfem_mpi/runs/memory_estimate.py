@@ -35,6 +35,8 @@ CELL_BYTES, CELL_PEAK_BYTES = 190, 400
 NODAL_CELL_BYTES = 1700
 #: Positions, weights, table, counts and correction vectors of a point, ghosts included.
 POINT_BYTES = 170
+#: Dilatations of a point, ghosts included, where Poisson's ratio is not 1/4: of the forces, and of a tangent twice.
+DILATATION_BYTES = 25
 #: Vectors over the unknowns of a point or node while a load case is made: state, loads, one rigid mode at a time.
 MOTION_BYTES = 330
 #: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model, for a cell; and its
@@ -122,6 +124,7 @@ def estimate(scene: Scene, share: Share) -> Need:
     total = rows * ROW_BYTES[scene.kinematics]
     n_cells = len(cells) + len(subdomain.ghosts) + len(subdomain.images)
     total += (8 * n_cells + 0.5 * n_nodes) * POINT_BYTES
+    total += 8 * n_cells * DILATATION_BYTES if scene.has_volumetric_part else 0
     later = (8 * len(subdomain.free) + len(subdomain.owned_nodes)) * MOTION_BYTES
     later += np.count_nonzero(share.has_nodes) * NODAL_CELL_BYTES
     if scene.has_cycle:

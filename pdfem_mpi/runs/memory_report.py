@@ -30,9 +30,9 @@ from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 #: All parts, in the order in which they are counted: what two of them share belongs to the first.
 PARTS = (
     "mesh", "share_of_the_rank", "exchange", "mirror_images", "points", "bond_rows",
-    "bond_strengths", "bond_lengths", "bond_counts", "fitted_factors", "damage_weights", "nodes", "elements", "overlap",
-    "masses", "loads_and_supports", "state", "force_tables", "break_check", "break_records", "broken_bonds",
-    "intact_elements", "coarse_grid", "preconditioner_blocks", "checkpoint_copy", "output",
+    "bond_strengths", "bond_lengths", "dilatations", "bond_counts", "fitted_factors", "damage_weights", "nodes",
+    "elements", "overlap", "masses", "loads_and_supports", "state", "force_tables", "break_check", "break_records",
+    "broken_bonds", "intact_elements", "coarse_grid", "preconditioner_blocks", "checkpoint_copy", "output",
     "solver_vectors",
 )  # fmt: skip
 #: The same bytes on every rank count: each cell, node or bond is on one rank. Others have ghosts, rows that depend on
@@ -52,11 +52,13 @@ def features_of(scene: Scene) -> frozenset[str]:
         "fitted": bonds and settings.surface_correction == "fitted",
         "noise": settings.stiffness_noise > 0.0,
         "cracks": bool(scene.cracks),
-        "damage": scene.output.damage,
+        "damage": scene.output.has_damage,
+        "stresses": bonds and bool(scene.output.mechanical),
         "mirrors": bool(scene.mesh.symmetry),
         "overlap": scene.is_coupled,
         "cg": cg,
         "adr": scene.solver.kind == "adr" or isinstance(scene.stepping, Ramp),
+        "volumetric": bonds and scene.has_volumetric_part,
         "elements": (scene.has_finite_elements and scene.kinematics == "linear") or cg,  # cg: those of the intact body
         "turning": scene.has_finite_elements and scene.kinematics == "finite",
     }
@@ -125,6 +127,8 @@ def _things(
             halos[0] = points.halo.halo
         yield "points", (points,)
         yield from bonds.storage().items()
+        if bonds.volumetric:
+            yield "dilatations", (bonds.volumetric, forces.of_bonds.q)
         yield "bond_counts", (bonds,)
     yield "exchange", tuple(halos)
     yield "fitted_factors", (model.body_fit,)
@@ -222,12 +226,13 @@ def left_out(scene: Scene, share: Share, failure: Failure | None, ranks: int) ->
         because(
             "no cell is peridynamic",
             "points", "bond_rows", "bond_strengths", "bond_lengths", "bond_counts", "damage_weights", "break_check",
-            "break_records", "broken_bonds", "fitted_factors", "mirror_images",
+            "break_records", "broken_bonds", "fitted_factors", "mirror_images", "dilatations",
         )  # fmt: skip
     if scene.kinematics == "linear":
         because('peridynamics.kinematics = "linear"', "bond_lengths")
     if scene.peridynamics.surface_correction != "fitted":
         because(f'peridynamics.surface_correction = "{scene.peridynamics.surface_correction}"', "fitted_factors")
+    because("Poisson's ratio of the bonds is 1/4", "dilatations")
     if failure is None:
         limited = scene.can_fail
         reason = "no region may fail" if limited else "no critical_stretch and no fracture_energy in the deck"
@@ -236,7 +241,7 @@ def left_out(scene: Scene, share: Share, failure: Failure | None, ranks: int) ->
         because("no bond broke", "broken_bonds")
     if not scene.mesh.symmetry:
         because("mesh.symmetry is empty", "mirror_images")
-    if not scene.output.damage:
+    if not scene.output.has_damage:
         because("output.damage = false", "damage_weights")
     if not counts.node_cells:
         because("no cell is a finite element", "nodes", "elements", "overlap")
@@ -246,7 +251,7 @@ def left_out(scene: Scene, share: Share, failure: Failure | None, ranks: int) ->
         because("no cell is a finite element", "elements")
     if scene.solver.kind != "cg":
         because(f'solver.kind = "{scene.solver.kind}"', "intact_elements", "coarse_grid", "preconditioner_blocks")
-    if isinstance(scene.stepping, Steps) and len(scene.stepping.load_factors) == 1:
+    if isinstance(scene.stepping, Steps) and scene.stepping.n_steps == 1:
         because("one load step: there is no earlier state to keep", "checkpoint_copy")
     if not (scene.output.fields or scene.probes):
         because("output.fields = false, and no probes", "output")

@@ -12,6 +12,7 @@ from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.parts import describe_unsupported
 from pdfem_mpi.peridynamics.bonds import count_by_material
+from pdfem_mpi.peridynamics.volumetric import describe_moments
 from pdfem_mpi.runs.correction_notes import describe_correction
 from pdfem_mpi.runs.failure_notes import criteria, describe_criterion, failure_summary
 from pdfem_mpi.runs.prepare import describe_mirrors
@@ -60,6 +61,7 @@ def examine(simulation: Simulation, is_resumed: bool) -> Findings:
     found = Findings()
     found.notes += model.body_fit.notes if model.body_fit else ()
     found.notes += describe_correction(scene, share, model)
+    found.notes += describe_moments(model.moments)
     limits = criteria(scene, share, model)
     found.failure = failure_summary(scene, share, simulation.failure, limits)
     found.notes += describe_criterion(scene, share, simulation.failure, limits)

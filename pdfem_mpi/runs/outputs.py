@@ -28,6 +28,8 @@ from pdfem_mpi.runs.frames import (
     FramesOutput,
     create_elements,
     create_points,
+    fields_of_elements,
+    fields_of_points,
 )
 from pdfem_mpi.runs.output import Output, Place
 from pdfem_mpi.runs.probes import OF_PROBE
@@ -116,11 +118,11 @@ def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
         Of history.csv.
     """
     outputs = Outputs(place, HistoryOutput(columns))
-    scene = place.scene
-    if scene.output.fields and scene.has_peridynamics:
-        outputs.frames.append(FramesOutput(POINTS_FILE, create_points, lambda fields: fields.u_points, True))
-    if scene.output.fields and scene.has_finite_elements:
-        outputs.frames.append(FramesOutput(ELEMENTS_FILE, create_elements, lambda fields: fields.u_nodes))
+    scene, names = place.scene, place.scene.output.names
+    if names and scene.has_peridynamics:
+        outputs.frames.append(FramesOutput(POINTS_FILE, create_points, fields_of_points, names, True))
+    if names and scene.has_finite_elements:
+        outputs.frames.append(FramesOutput(ELEMENTS_FILE, create_elements, fields_of_elements, names))
     outputs.probes += [OF_PROBE[type(probe)](probe) for probe in place.scene.probes]
     return outputs
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from pdfem_mpi.deck.mechanical_probes import CutProbe, EnergyReleaseProbe, PointProbe, SetProbe
 from pdfem_mpi.deck.outputs import BarProbe, DisplacementProbe, LineProbe
 from pdfem_mpi.measure.bar import Bar, bar_results, measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.measure.line import Line, measure_line
-from pdfem_mpi.results.lines import write_line
+from pdfem_mpi.results.lines import COMPONENTS, write_line
 from pdfem_mpi.runs.output import Output, Place, new_figure
 
 
@@ -60,9 +61,11 @@ class LineOutput(Output):
         self.probe = probe
         self.figure = f"line_{probe.name}.png"
         self.line: Line | None = None
+        self.more: dict[str, np.ndarray] = {}
 
     def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
         self.line = measure_line(place.geometry, fields, self.probe)
+        self.more = fields.probed.get(self.probe.name, {})
 
     def close(self, place: Place) -> None:
         line = self.line
@@ -72,7 +75,12 @@ class LineOutput(Output):
         inside = line.kind != ""
         u = [values if known else None for values, known in zip(line.displacement, inside, strict=True)]
         rows = zip(line.distance, line.position, u, line.kind, strict=True)
-        write_line(place.written.new(f"lines/{self.probe.name}.csv"), rows)
+        more = {
+            f"{name}_{word}": values[:, k]
+            for name, values in self.more.items()
+            for k, word in enumerate(COMPONENTS[values.shape[1]])
+        }
+        write_line(place.written.new(f"lines/{self.probe.name}.csv"), rows, more)
 
     def draw(self, place: Place) -> None:
         line = self.line
@@ -94,5 +102,40 @@ class LineOutput(Output):
         plots.displacement_along_line(path, samples, place.scene.title, place.scene.units.length)
 
 
+class PointOutput(Output):
+    """Fields at a point."""
+
+    def __init__(self, probe: PointProbe) -> None:
+        super().__init__()
+        self.probe = probe
+
+    def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
+        rows = {name: values[0].tolist() for name, values in fields.probed.get(self.probe.name, {}).items()}
+        found = {name: row if len(row) > 1 else row[0] for name, row in rows.items()}
+        if "displacement" in self.probe.fields:
+            found = {"displacement": displacement_at(place.geometry, fields, self.probe.point).tolist()} | found
+        self.results = {self.probe.name: found}
+
+
+class ReadOutput(Output):
+    """What all ranks together read: of a set of cells, or of a plane."""
+
+    def __init__(self, probe: SetProbe | CutProbe | EnergyReleaseProbe) -> None:
+        super().__init__()
+        self.probe = probe
+
+    def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
+        if self.probe.name in fields.probed:  # the rate of a run that did not come to its end is not known
+            self.results = {self.probe.name: fields.probed[self.probe.name]}
+
+
 #: Which output a table of ``[[probes]]`` asks for.
-OF_PROBE = {DisplacementProbe: DisplacementOutput, BarProbe: BarOutput, LineProbe: LineOutput}
+OF_PROBE = {
+    DisplacementProbe: DisplacementOutput,
+    BarProbe: BarOutput,
+    LineProbe: LineOutput,
+    PointProbe: PointOutput,
+    SetProbe: ReadOutput,
+    CutProbe: ReadOutput,
+    EnergyReleaseProbe: ReadOutput,
+}

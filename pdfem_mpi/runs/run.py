@@ -230,7 +230,7 @@ class _Run:
             self.scene, geometry, self.claimed.written, sha256(self.deck_text), start.results,
             start.other_fields, note, self._warn,
         )  # fmt: skip
-        self.outputs = make_outputs(place, columns_of(simulation.failure is not None))
+        self.outputs = make_outputs(place, columns_of(simulation.failure is not None, self.scene))
         self.outputs.open()
 
     def _memory(self, march: March, before: int) -> dict[str, Any]:

@@ -14,12 +14,12 @@ from pdfem_mpi.deck.loads import Load, Support
 from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.measure.fields import Fields, gather_damage, gather_fields
-from pdfem_mpi.measure.geometry import gather_geometry
+from pdfem_mpi.measure.probed import ProbeReader
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import build_model
+from pdfem_mpi.model.parts import positions
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS
@@ -27,6 +27,7 @@ from pdfem_mpi.runs.history_rows import history_row
 from pdfem_mpi.runs.memory_estimate import Need
 from pdfem_mpi.runs.memory_report import features_of
 from pdfem_mpi.runs.prepare import cut_again, prepare, warm_up
+from pdfem_mpi.runs.readings import Readings
 from pdfem_mpi.solvers.convergence import Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
 from pdfem_mpi.stepping import Report, follow_load_program
@@ -40,7 +41,7 @@ def ignore(*words: Any) -> None:
     """Do nothing with what is reported."""
 
 
-class Simulation:
+class Simulation(Readings):
     """One scene on the ranks of a communicator; no file is read but the deck's mesh, and none is written.
 
     All methods are collective: every rank of the communicator calls them. Lengths and forces are in the deck's units.
@@ -91,6 +92,7 @@ class Simulation:
         self.state = new_state(self.model)
         self.forces = Forces(self.model, self.state.bounds, evaluations=evaluations)
         self.failure = make_failure(scene, self.share, self.model)
+        self.probe_reader = ProbeReader(scene, self.share, self.model)
         self.solver: EquilibriumSolver | None = None
         self._evaluated = False
 
@@ -109,12 +111,8 @@ class Simulation:
     def steps(self, watch: Watch = ignore) -> Iterator[dict[str, Any]]:
         """Follow the scene's load program, and yield a row at each of its equilibria: the columns of history.csv.
 
-        ``watch`` is called with the step and the progress of every iteration.
-
-        Raises
-        ------
-        NotConverged, NotFinite
-            No equilibrium was found.
+        ``watch`` is called with the step and the progress of every iteration. Raises NotConverged or NotFinite where
+        no equilibrium is found.
         """
         for report in self.follow(watch):
             yield self.row(report)
@@ -135,10 +133,7 @@ class Simulation:
     def change_loads(self, loads: Sequence[Load] | None = None, supports: Sequence[Support] | None = None) -> None:
         """Replace the scene's loads or supports; displacements and broken bonds stay.
 
-        Raises
-        ------
-        SceneError
-            On all ranks; the loads before are kept.
+        Raises SceneError on all ranks, and keeps the loads before.
         """
         changed: dict[str, Any] = {}
         if loads is not None:
@@ -161,32 +156,16 @@ class Simulation:
         """What it is made of, in the order in which memory is counted."""
         return self.share, self.model, self.case, self.state, self.forces, self.failure, self.solver
 
-    def evaluate(self) -> None:
-        """Bring the tables of the forces to the state, where no row did; it does not count as an evaluation."""
-        before = self.forces.evaluations
-        self.forces.evaluate_surely(self.state.u, np.zeros_like(self.state.u), np.empty_like(self.state.u))
-        self.forces.evaluations = before
-        self._evaluated = True
+    def displace(self, field: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Give all points and nodes, supported ones too, the displacements ``field(x)``; bonds break in no case.
 
-    def fields(self) -> Fields | None:
-        """Displacements of all points and nodes; None except on rank 0."""
-        if not self._evaluated:
-            self.evaluate()
-        return gather_fields(self.share, self.forces, self.state.u)
-
-    def damage(self) -> np.ndarray | None:
-        """Local damage (eq. 5) of all points, float64, shape (n_points,); None except on rank 0.
-
-        The deck must have ``output.damage = true``: weights of the intact bonds are kept for it.
+        Parameters
+        ----------
+        field : callable
+            Of reference positions, float64, shape (n, 3); returns displacements of that shape, dimension length.
         """
-        return gather_damage(self.share, self.model)
-
-    @property
-    def points(self) -> np.ndarray | None:
-        """Reference positions of the peridynamic points, float64, shape (n_points, 3); None except on rank 0."""
-        return getattr(gather_geometry(self.share), "point_positions", None)
-
-    @property
-    def nodes(self) -> np.ndarray | None:
-        """Reference positions of the nodes of elements, float64, shape (n_nodes, 3); None except on rank 0."""
-        return getattr(gather_geometry(self.share), "node_positions", None)
+        units, unknowns = self.share.units, self.model.unknowns
+        places = positions(self.model) * units.length + units.origin
+        rows = np.asarray(field(places), float) / units.length
+        self.state.u[:] = unknowns.join(np.broadcast_to(rows, places.shape))
+        self._evaluated = False

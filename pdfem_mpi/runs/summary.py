@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import platform
 import sys
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -12,6 +14,7 @@ import numpy as np
 
 from pdfem_mpi import __version__
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.model.model import Model
 from pdfem_mpi.peridynamics.fit.fit import BodyFit
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.notes import Findings
@@ -60,11 +63,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         },
         "restarts": checkpoints.restarts,
         "seconds_of_all_starts": facts["seconds_of_all_starts"],
-        "surface_correction": {
-            "kind": scene.peridynamics.surface_correction if share.cutoff else None,
-            "remaining": model.correction_remaining if share.cutoff else None,
-            "fit": fit_report(model.body_fit, findings.smallest_eigenvalue, findings.stable),
-        },
+        **_of_bonds(scene, model, findings),
         "failure": findings.failure,
         "bonds_cut_by_cracks": list(model.cut),
         "parts_at_start": {"count": simulation.case.parts.count, "not_held": len(simulation.case.unsupported)},
@@ -79,6 +78,20 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
             "numpy": np.__version__,
             "numba": sys.modules["numba"].__version__,
         },
+    }
+
+
+def _of_bonds(scene: Scene, model: Model, findings: Findings) -> dict[str, Any]:
+    """How bonds were corrected, and the volumetric part beside them; JSON knows no infinite limit."""
+    kind = scene.peridynamics.surface_correction
+    parts = [asdict(moment) for moment in model.moments]
+    return {
+        "surface_correction": {
+            "kind": kind if model.bonds else None,
+            "remaining": model.correction_remaining if model.bonds else None,
+            "fit": fit_report(model.body_fit, findings.smallest_eigenvalue, findings.stable),
+        },
+        "volumetric_part": [part | {"limit": part["limit"] if part["limit"] < math.inf else None} for part in parts],
     }
 
 
@@ -139,6 +152,9 @@ def end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
         rows.append(("net internal force, moment", f"{balance['force']:.1e}, {balance['moment']:.1e} of the sums"))
     length = scene.units.length
     for name, value in summary["probes"].items():
+        if isinstance(value, dict):
+            rows += [(f"{name}, {word}".replace("_", " "), text) for word, text in _nested(value)]
+            continue
         unit = f" {length}" if isinstance(value, list) or name == "end_displacement" else ""
         text = ", ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else f"{value:.6g}"
         rows.append((name.replace("_", " "), text + unit))
@@ -159,6 +175,18 @@ def _describe_communication(between: dict[str, Any]) -> str:
         f"the busiest computed {between['imbalance']:.2f} times the mean, {share:.0f} % of the time was waited, "
         f"{sent:.0f} messages and {size / 2**10:.0f} KiB sent a rank and evaluation"
     )
+
+
+def _nested(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Words and numbers of what a probe found by name; means of what it found over a set."""
+    for word, value in found.items():
+        if value is None:
+            continue
+        values = value["mean"] if isinstance(value, dict) else value if isinstance(value, list) else [value]
+        yield (
+            f"mean {word}" if isinstance(value, dict) else word,
+            ", ".join("-" if v is None else f"{v:.6g}" for v in values),
+        )
 
 
 def sha256(text: str) -> str:

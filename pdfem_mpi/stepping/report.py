@@ -48,6 +48,8 @@ class Report:
         Bounding box of the midpoints of broken bonds.
     elements : Deformation or None
         Of elements in finite kinematics.
+    time : float or None
+        Pseudo-time of a program that has one.
     seconds : float
         Since the row before.
     """
@@ -69,6 +71,7 @@ class Report:
     released: float | None
     extent: np.ndarray | None
     elements: Deformation | None
+    time: float | None
     seconds: float
 
     @property
@@ -148,6 +151,7 @@ class Reporter:
             released=released,
             extent=failure.extent if failure else None,
             elements=elements,
+            time=state.program.get("time"),
             seconds=now - state.began,
         )
         state.program["told_broken"], state.began = broken, now
@@ -203,4 +207,5 @@ def balance(forces: Forces, state: State, case: LoadCase, internal: np.ndarray):
         whole = float(gross[d].max())
         return float(np.abs(net[d]).max()) / whole if whole > 0.0 else 0.0
 
-    return support_resultants(forces, case, internal), ratio(slice(0, 3)), ratio(slice(3, 6))
+    held = internal if case.thermal is None else internal + state.load_factor * case.thermal.forces
+    return support_resultants(forces, case, held), ratio(slice(0, 3)), ratio(slice(3, 6))

@@ -36,8 +36,10 @@ def follow_steps(
     """
     forces, program, stop_requests = solve.forces, state.program, solve.stop_requests
     reporter = Reporter(forces, case, failure)
-    for step, factor in enumerate(settings.load_factors[state.step :], start=state.step + 1):
+    for step, (time, factor) in enumerate(settings.schedule[state.step :], start=state.step + 1):
         stop_requests.between(state)
+        if time is not None and not (program.get("evaluations") or program.get("relaxing")):
+            _go_along(state, factor)
         external = factor * case.external
         state.u[case.fixed] = factor * case.prescribed[case.fixed]
         while True:
@@ -53,8 +55,18 @@ def follow_steps(
             stop_requests.between(state)
         remove_rigid_motion(forces.model, case, state.u)
         state.step, state.load_factor = step, factor
+        if time is not None:
+            program["time"] = time
         evaluations, program["evaluations"] = program["evaluations"], 0
         yield reporter.report(state, "step", replace(convergence, evaluations=evaluations))
+
+
+def _go_along(state: State, factor: float) -> None:
+    """Along an amplitude the displacements follow the load: nothing at rest, and back on the secant."""
+    if factor == 0.0:
+        state.u[:] = 0.0
+    elif state.load_factor != 0.0:
+        np.multiply(state.u, factor / state.load_factor, out=state.u)
 
 
 def _in_pieces(model: Model, case: LoadCase, failure: Failure | None, factor: float, reason: str) -> NotConverged:

@@ -26,11 +26,27 @@ THIRD = 1.0 / 3.0
 #: Fields are kept in single precision: errors below this cannot be told.
 SINGLE = 1e-6
 DIRECT = "a direct solution of the same equations, to 1e-6"
-#: Round-off grows to 1e-5 in the loads of fifty events, and decides whether one more state on the way counts as stable;
-#: the last reactions differ by 3.8e-3 then.
-LAST = 1e-2
-LAST_STATE = "as many broken bonds, last reaction to 1e-2 (round-off decides which of a hundred states count as stable)"
+#: Bodies that can break are rounded to model units: other units, and places a whole number of cells away, change no
+#: bit of these, and the last digit of what is told.
+LAST = 1e-12
+LAST_STATE = "as many rows and broken bonds, the last reaction to 1e-12 (places are rounded where bonds can break)"
 PATCH = "u = 1e-3 x everywhere, to 1e-6 (exact patch tests, docs/fitted.md)"
+
+#: The interface of the paper on fewer cells, pulled by supports, bonds without correction.
+READING_B = (
+    "peridynamics.surface_correction=none",
+    "coupling.kind=paper",
+    "mesh.upper=[6,4,4]",
+    "regions.elements.upper=[3,2,2]",
+    "regions.bonds.lower=[3,0,0]",
+    "regions.bonds_beside.lower=[0,2,0]",
+    "regions.bonds_beside.upper=[3,4,4]",
+    "regions.bonds_above.lower=[0,0,2]",
+    "regions.bonds_above.upper=[3,2,4]",
+    "loads=[]",
+    'supports=[{face="x-",x=-0.006},{face="x+",x=0.006},{face="y-",y=0.0},{face="z-",z=0.0}]',
+    "probes=[]",
+)
 
 
 def only(model: str, *names: str) -> tuple[str, ...]:
@@ -48,20 +64,18 @@ CASES = (
         "interface_corner",
         DIRECT,
         direct_solution(SINGLE),
-        (
-            "peridynamics.surface_correction=none",
-            "coupling.kind=paper",
-            "mesh.upper=[6,4,4]",
-            "regions.elements.upper=[3,2,2]",
-            "regions.bonds.lower=[3,0,0]",
-            "regions.bonds_beside.lower=[0,2,0]",
-            "regions.bonds_beside.upper=[3,4,4]",
-            "regions.bonds_above.lower=[0,0,2]",
-            "regions.bonds_above.upper=[3,2,4]",
-            "loads=[]",
-            'supports=[{face="x-",x=-0.006},{face="x+",x=0.006},{face="y-",y=0.0},{face="z-",z=0.0}]',
-            "probes=[]",
-        ),
+        READING_B,
+    ),
+    *(
+        Case(
+            1,
+            f"interface, reading B, Poisson's ratio {nu}",
+            "interface_corner",
+            DIRECT,
+            direct_solution(SINGLE),
+            (*READING_B, f"material.poissons_ratio={nu}"),
+        )
+        for nu in (0.0, 0.1, 0.33, 0.45, 0.49)
     ),
     # 2
     Case(
@@ -353,7 +367,7 @@ CASES = (
             f"failure, lengths times {length:g}, forces times {force:g}",
             "crack_to_elements",
             LAST_STATE,
-            same_as_other(LAST, length, force, events=False),
+            same_as_other(LAST, length, force),
             against="failure, units as they are",
             change=scaled(length, force),
             short=None,
@@ -375,7 +389,7 @@ CASES = (
         "far from the origin, failure",
         "crack_to_elements",
         LAST_STATE,
-        same_as_other(LAST, THIRD, events=False),
+        same_as_other(LAST, THIRD),
         against="failure, units as they are",
         change=lambda data: moved(1.8e7 * THIRD)(scaled(THIRD, 1.0)(data)),
         short=None,

@@ -23,6 +23,11 @@ SCENES = {
     "events, dead loads": ({"loads": DEAD, "supports": ()}, None),
     "events, chip": ({"make": chipped, "report_every": 1}, 16),
     "events, noise": ({"noise": 0.05, "seed": 3}, 12),
+    "events, ratio of 0.1": ({"poissons_ratio": 0.1, "elements": 2, "report_every": 1}, 12),
+    "events, finite, ratio of 0.4": (
+        {"poissons_ratio": 0.4, "kinematics": "finite", "control": "energy", "report_every": 1}, 12,
+    ),
+    "ramp, ratio of 0.33": ({"solver": "adr", "tolerance": 1e-6, "stepping": RAMP, "poissons_ratio": 0.33}, 14),
     "ramp": ({"solver": "adr", "tolerance": 1e-6, "stepping": RAMP}, 14),
     "ramp, finite, elements": (
         {"solver": "adr", "tolerance": 1e-6, "stepping": RAMP, "kinematics": "finite", "elements": 2}, 15,

@@ -73,6 +73,22 @@ SCENES |= {
     "elements": partial(make_scene, (7, 3, 2), 7),
     "elements, finite": partial(make_scene, (7, 3, 2), 7, kinematics="finite", loads=tension((7, 3, 2), 7, 100.0)),
     "elements of another poissons ratio": partial(make_scene, (5, 3, 1), 5, poissons_ratio=0.4),
+    "bonds of another poissons ratio": partial(make_scene, (9, 3, 2), 4, poissons_ratio=0.4, correction="virial"),
+    "bonds of another poissons ratio, finite": partial(
+        make_scene, (7, 3, 2), 3, poissons_ratio=0.1, kinematics="finite", solver="cg"
+    ),
+    "bonds of two poissons ratios": partial(
+        make_scene,
+        (7, 3, 2),
+        0,
+        poissons_ratio=0.1,
+        materials={"other": Material(youngs_modulus=2e3, poissons_ratio=0.4)},
+        regions=(
+            Region(name="first", model="peridynamics", upper=(3.0, 3.0, 2.0)),
+            Region(name="second", model="peridynamics", material="other", lower=(3.0, 0.0, 0.0)),
+        ),
+        loads=tension((7, 3, 2), 0),
+    ),
     "coupled, reading A": partial(make_scene, (9, 3, 2), 4, coupling="paper_a"),
     "coupled, overlap 3": partial(make_scene, (9, 3, 2), 5, overlap=3, kinematics="finite"),
     "four materials": partial(make_scene, (9, 3, 2), 4, **MATERIALS),
@@ -102,6 +118,9 @@ OUTWARD = (
 )
 SCENES |= {
     "quarter": partial(make_scene, (7, 3, 2), 0, loads=OUTWARD, symmetry=("x-", "y-")),
+    "quarter of another poissons ratio": partial(
+        make_scene, (7, 3, 2), 3, loads=OUTWARD, symmetry=("x-", "y-"), poissons_ratio=0.33
+    ),
     "coupled eighth, finite": partial(
         make_scene, (8, 3, 2), 4, loads=OUTWARD, symmetry=("x-", "y-", "z+"), kinematics="finite", coupling="paper_a"
     ),

@@ -5,10 +5,14 @@ import csv
 import numpy as np
 import pytest
 import skfem
+from skfem.models.elasticity import lame_parameters
 
+from pdfem_mpi import Simulation
 from pdfem_mpi.deck.meshes import PlateWithHoleMesh
 from pdfem_mpi.deck.toml import parse_deck
+from pdfem_mpi.kernels.hex8 import GAUSS_POINTS
 from pdfem_mpi.measure.fields import gather_fields
+from pdfem_mpi.measure.tensors import matrices
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from support.bodies import build, run_deck
 from support.helpers import ROOT
@@ -18,6 +22,7 @@ from support.scikit import trilinear_elements
 STRAIN, HALF_LENGTH, HALF_WIDTH, RADIUS = 1.0e-3, 4.5, 1.5, 0.4  # far from the hole; in
 POISSONS_RATIO = 0.25
 
+STRESS_AGREEMENT = 1e-9  # of the largest stress: residuals of 1e-12 and of a direct solution
 AGREEMENT = 1e-8  # relative to the largest displacement: two solvers, residuals of 1e-11 and of a direct solution
 
 # Howland's strip under tension, gross stress: Heywood's 2 + (1 - d/W)^3 over 1 - d/W, within 1 % of it
@@ -53,10 +58,15 @@ def coarse(tmp_path_factory):
     return run
 
 
+def elements_scene(spacing, tolerance):
+    """The finite-element deck."""
+    text = (ROOT / "jobs" / "plate_fe.toml").read_text(encoding="utf-8")
+    return parse_deck(text, "plate_fe.toml", (f"mesh.spacing={spacing}", f"solver.tolerance={tolerance}"))
+
+
 def elements(spacing, tolerance):
     """Mesh and nodal displacements of the finite-element deck."""
-    text = (ROOT / "jobs" / "plate_fe.toml").read_text(encoding="utf-8")
-    scene = parse_deck(text, "plate_fe.toml", (f"mesh.spacing={spacing}", f"solver.tolerance={tolerance}"))
+    scene = elements_scene(spacing, tolerance)
     body = build(scene)
     solve = make_solver(scene, body.share, body.forces, body.case, Silence().line)
     steps = follow_load_program(scene, solve, None, body.state, body.case)
@@ -99,6 +109,32 @@ def test_finite_elements_agree_with_scikit_fem(spacing):
     expected = without_rigid_motion(mesh.nodes, reference_solution(scene, mesh))
     error = np.abs(without_rigid_motion(mesh.nodes, u) - expected).max() / np.abs(expected).max()
     assert error <= AGREEMENT, f"largest difference {error:.2e} of the largest displacement"
+
+
+def reference_stress(scene, mesh, u):
+    """Stress at the Gauss points of every cell by scikit-fem's own gradients, shape (n_cells, 8, 3, 3)."""
+    material = scene.material
+    body, element, _, dofs = trilinear_elements(mesh, material.youngs_modulus, material.poissons_ratio)
+    flat = np.zeros(dofs.size)
+    flat[dofs.T] = u
+    gauss = np.ascontiguousarray(0.5 * (GAUSS_POINTS.T + 1.0))
+    basis = skfem.Basis(body, element, quadrature=(gauss, np.full(8, 1.0 / 8.0)))
+    gradient = np.moveaxis(basis.interpolate(flat).grad, (2, 3), (0, 1))
+    strain = 0.5 * (gradient + gradient.swapaxes(2, 3))
+    lam, mu = lame_parameters(material.youngs_modulus, material.poissons_ratio)
+    return 2.0 * mu * strain + lam * np.trace(strain, axis1=2, axis2=3)[..., None, None] * np.eye(3)
+
+
+def test_stresses_agree_with_scikit_fem():
+    """At every Gauss point of the FE plate of Fig. 15, two programs' own solutions, beside the hole as well."""
+    scene = elements_scene(0.2, 1e-12)
+    simulation = Simulation(scene)
+    simulation.solve(1.0)
+    fields, mesh = simulation.fields("stress_at_gauss_points"), simulation.share.mesh
+    found = matrices(fields.of_cells["stress_at_gauss_points"].reshape(-1, 8, 6))
+    expected = reference_stress(scene, mesh, reference_solution(scene, mesh))
+    error = np.abs(found - expected).max() / np.abs(expected).max()
+    assert error <= STRESS_AGREEMENT, f"largest difference {error:.2e} of the largest stress"
 
 
 def hoop_strain_at_the_top(spacing):

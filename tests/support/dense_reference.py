@@ -24,7 +24,7 @@ CORNERS = np.array([(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1,
 GAUSS = np.array([(r, s, t) for t in (-1, 1) for s in (-1, 1) for r in (-1, 1)]) / math.sqrt(3.0)
 #: Round-off of the cutoff radius decides no bond: the program's rule.
 GUARD = 1e-6
-NU = 0.25  # of bonds
+NU = 0.25  # of bonds alone
 SWEEPS = 20  # of both surface corrections
 #: Force density of half an infinite body per unit strain over k / l: eq. (A5) in closed form.
 HALF_SPACE = 9.0 * (1.0 - NU) * math.sqrt(math.pi) / 4.0
@@ -81,6 +81,8 @@ class Pairs:
         Force over stretch, without correction.
     mirrored : bool, shape (n,)
         Across a mirror plane.
+    weight : float64, shape (n,)
+        ``1 / (10 mu)``: of the bond's force per stretch in the dilatation of its points.
     """
 
     i: np.ndarray
@@ -89,6 +91,7 @@ class Pairs:
     xi: np.ndarray
     stiffness: np.ndarray
     mirrored: np.ndarray
+    weight: np.ndarray
 
     def only(self, chosen: np.ndarray) -> Pairs:
         """Some of them."""
@@ -157,7 +160,7 @@ class DenseBody:
 
     def _find_pairs(self) -> Pairs:
         found, n = [], len(self.x)
-        modulus = self._bond_moduli()
+        shear = self._bond_shear()
         for k, (sign, shift) in enumerate(self._images()):
             xi = (sign * self.x + shift)[None] - self.x[:, None]
             r = np.sqrt((xi**2).sum(axis=2))
@@ -168,20 +171,37 @@ class DenseBody:
             body = self.d.body[self.cell]
             near &= body[:, None] == body[None]
             i, j = np.nonzero(near)
-            c = 9.0 * modulus[i, j] / (3.0 * (1.0 - 2.0 * NU)) / (math.pi * self.length**4)
+            c = 15.0 * shear[i, j] / (math.pi * self.length**4)  # 9 k / (pi l^4) at a Poisson's ratio of 1/4
             stiffness = c * np.exp(-((r[i, j] / self.length) ** 2)) * self.volume[i] * self.volume[j]
-            found.append((i, j, np.tile(sign, (len(i), 1)), xi[i, j], stiffness, np.full(len(i), k > 0)))
+            sums = (i, j, np.tile(sign, (len(i), 1)), xi[i, j], stiffness, np.full(len(i), k > 0))
+            found.append((*sums, 0.1 / shear[i, j]))
         return Pairs(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
-    def _bond_moduli(self) -> np.ndarray:
-        """Young's modulus of the bonds between any two points, (n, n)."""
-        own = np.array([self.materials[c].youngs_modulus for c in self.cell])
-        modulus, names = np.minimum(own[:, None], own[None]), self.names[self.cell]
+    def _of_points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Young's modulus and Poisson's ratio of every point's material."""
+        of_cells = [(self.materials[c].youngs_modulus, self.materials[c].poissons_ratio) for c in self.cell]
+        return tuple(np.array(of_cells).T)
+
+    def _bond_shear(self) -> np.ndarray:
+        """Shear modulus of the bonds between any two points, (n, n): that of the softer."""
+        modulus, nu = self._of_points()
+        own, names = modulus / (2.0 * (1.0 + nu)), self.names[self.cell]
+        shear = np.minimum(own[:, None], own[None])
+        softer = np.where(own[:, None] <= own[None], nu[:, None], nu[None])
         for interface in self.scene.interfaces:
             if interface.youngs_modulus is not None:
                 one, two = (names == name for name in interface.between)
-                modulus[np.outer(one, two) | np.outer(two, one)] = interface.youngs_modulus
-        return modulus
+                chosen = np.outer(one, two) | np.outer(two, one)
+                shear[chosen] = interface.youngs_modulus / (2.0 * (1.0 + softer[chosen]))
+        return shear
+
+    def dilatation(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Dilatation ``theta`` of all points, and the modulus ``M = lambda - mu`` that answers it."""
+        pairs, (modulus, nu) = self.pairs, self._of_points()
+        extension = self.stretches(u) * np.sqrt((pairs.xi**2).sum(axis=1))
+        terms = pairs.weight * pairs.stiffness * self.factor * extension
+        lacks = modulus * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)) - modulus / (2.0 * (1.0 + nu))
+        return np.bincount(pairs.i, terms, len(self.x)) / self.volume, lacks
 
     def _cut(self, pairs: Pairs) -> Pairs:
         """Without the bonds through cracks and through their mirror images."""
@@ -210,7 +230,8 @@ class DenseBody:
             return np.ones(len(pairs.i))
         whole = self._find_pairs() if self.scene.cracks else pairs  # bodies are corrected before they are cut
         vector = np.ones_like(self.x)
-        modulus = np.array([self.materials[c].youngs_modulus for c in self.cell])
+        modulus, nu = self._of_points()
+        modulus = modulus * (1.0 + NU) / (1.0 + nu)  # of bonds alone with this shear modulus
         target = modulus if kind == "virial" else HALF_SPACE * modulus / (3.0 * (1.0 - 2.0 * NU)) / self.length
         r = np.sqrt((whole.xi**2).sum(axis=1))
         n = whole.xi / r[:, None]
@@ -350,8 +371,11 @@ class DenseBody:
         stretch, r = self.stretches(u), np.sqrt((pairs.xi**2).sum(axis=1))
         stiffness = pairs.stiffness * self.factor
         y = pairs.xi + (pairs.sign * points[pairs.j] - points[pairs.i] if self.finite else 0.0)
-        pull = (stiffness * stretch / np.sqrt((y**2).sum(axis=1)))[:, None] * y
-        return pull, float(0.25 * (stiffness * stretch**2 * r).sum())
+        theta, lacks = self.dilatation(u)
+        pressure = pairs.weight * ((lacks * theta)[pairs.i] + (lacks * theta)[pairs.j])
+        pull = (stiffness * (stretch + pressure) / np.sqrt((y**2).sum(axis=1)))[:, None] * y
+        stored = 0.25 * (stiffness * stretch**2 * r).sum() + 0.5 * (lacks * self.volume * theta**2).sum()
+        return pull, float(stored)
 
 
 def _cell_edge(scene: Scene, d: Discretization) -> float:

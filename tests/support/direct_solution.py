@@ -101,10 +101,17 @@ def bonds(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         raise ValueError("the reference knows bonds without surface correction only")
     pairs = cKDTree(body.x).query_pairs(cutoff * (1.0 + GUARD), output_type="ndarray")
     i, j = pairs.T
-    modulus = np.array([table.bulk_modulus for table in _tables(body)])[body.cell]
+    _, shear = _lame(body)
     r = np.linalg.norm(body.x[j] - body.x[i], axis=1)
-    c = 9.0 * np.minimum(modulus[i], modulus[j]) / (math.pi * length**4)
+    c = 15.0 * np.minimum(shear[i], shear[j]) / (math.pi * length**4)  # 9 k / (pi l^4) at a Poisson's ratio of 1/4
     return i, j, c * np.exp(-((r / length) ** 2)) * body.volume[i] * body.volume[j]
+
+
+def _lame(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Constants of Lame of all points."""
+    tables = _tables(body)
+    e, nu = (np.array([getattr(t, name) for t in tables])[body.cell] for name in ("youngs_modulus", "poissons_ratio"))
+    return e * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), e / (2.0 * (1.0 + nu))
 
 
 def _tables(body: Body) -> list[Material]:
@@ -127,12 +134,22 @@ def stiffness(body: Body) -> sparse.csr_matrix:
     )
     springs = springs @ ties
     total = springs.T @ sparse.diags(k / np.linalg.norm(xi, axis=1)) @ springs
+    total = total + _volumetric(body, i, j, k, springs)
     elastic, tables = np.flatnonzero(d.has_stiffness), _tables(body)
     blocks = np.array([_element(d.mesh.nodes[d.mesh.cells[c]], tables[c]) for c in elastic]).reshape(-1, 24, 24)
     places = 3 * (body.n_free + d.node_row[d.mesh.cells[elastic]])[:, :, None] + np.arange(3)
     places = places.reshape(-1, 24)
     rows, columns = np.repeat(places, 24, axis=1).reshape(-1), np.tile(places, (1, 24)).reshape(-1)
     return (total + sparse.csr_matrix((blocks.reshape(-1), (rows, columns)), total.shape)).tocsr()
+
+
+def _volumetric(body: Body, i, j, k, springs: sparse.csr_matrix) -> sparse.csr_matrix:
+    """What the ratio of a material asks for beside its bonds: ``1/2 (lambda - mu) w theta^2`` of every point."""
+    lam, mu = _lame(body)
+    terms = k / (10.0 * np.minimum(mu[i], mu[j]))  # w theta = sum k e / (10 mu)
+    places = np.concatenate([i, j]), np.tile(np.arange(len(k)), 2)
+    divergence = sparse.csr_matrix((np.tile(terms, 2), places), (len(body.x), len(k))) @ springs
+    return divergence.T @ sparse.diags((lam - mu) / body.volume) @ divergence
 
 
 def _element(corners: np.ndarray, material: Material) -> np.ndarray:

@@ -56,6 +56,7 @@ def strip(
     noise=0.0,
     seed=0,
     cells=CELLS,
+    poissons_ratio=0.25,
     **options,
 ):
     """A strip of unit cells, pulled along x, with a crack at its middle; its ends may not fail.
@@ -86,7 +87,7 @@ def strip(
     corners = () if crack is None else ((crack[0], -1.0), (crack[1], -1.0), (crack[1], nz + 1), (crack[0], nz + 1))
     return Scene(
         mesh=BoxMesh(lower=(0.0, 0.0, 0.0), upper=(nx, ny, nz), spacing=1.0),
-        material=Material(youngs_modulus=YOUNGS_MODULUS, critical_stretch=STRETCH),
+        material=Material(youngs_modulus=YOUNGS_MODULUS, poissons_ratio=poissons_ratio, critical_stretch=STRETCH),
         regions=tuple(regions),
         peridynamics=Peridynamics(kinematics=kinematics, stiffness_noise=noise, seed=seed),
         cracks=(Crack(polygon=tuple((middle, y, z) for y, z in corners)),) if corners else (),

@@ -55,6 +55,8 @@ class Transform:
         for material in (table["material"], *table["materials"].values(), *table["interfaces"]):
             if material["youngs_modulus"] is not None:
                 material["youngs_modulus"] *= self.stress
+            if material["fracture_energy"] is not None:
+                material["fracture_energy"] *= self.stress * self.length
         for load in table["loads"]:
             for name, power in (("total", 2), ("density", -1), ("traction", 0)):
                 if load.get(name) is not None:

@@ -32,7 +32,7 @@ CORRECTIONS = [("none", "free"), ("appendix_a", "free"), ("virial", "free"), ("f
 def densities(body):
     """Those of eq. (11), and what is made of them."""
     model = body.model
-    of_eq_11 = fictitious_masses(model.points, model.bonds)
+    of_eq_11 = fictitious_masses(model.comm, model.points, model.bonds)
     return of_eq_11, stable_densities(model.comm, model.points, model.bonds, of_eq_11)
 
 

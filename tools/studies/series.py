@@ -45,9 +45,9 @@ def in_environment() -> None:
     python = Path(program()).parent / "python"
     if Path(sys.prefix).resolve() != python.parent.parent.resolve():
         os.execv(python, [str(python), *sys.argv])
-    from tools.studies import internals
+    import pdfem_mpi
 
-    internals.prepare_environment()
+    _ = pdfem_mpi.RunFolder  # loaded when it is first asked for, after the environment was prepared for it
 
 
 def name_of() -> str:
@@ -139,13 +139,11 @@ def run_tests(report: Path, *arguments: str, ranks: int = 1) -> int:
     """Run tests, on ranks where there are several; rank 0 writes the report. Returns the exit code."""
     report.parent.mkdir(parents=True, exist_ok=True)
     report.unlink(missing_ok=True)
-    command, additions = [sys.executable, "-m", "pytest", "-q"], {}
+    command = [sys.executable, "-m", "pytest", "-q"]
     if ranks > 1:
-        from tools.studies import internals
+        from tools.stages import on_ranks
 
-        mpirun, additions = internals.mpirun_command(ranks)
-        shell = ["/bin/sh", "-c", 'exec "$@" "--junitxml=$0.${PMI_RANK:-${OMPI_COMM_WORLD_RANK}}.xml"']
-        command = [*mpirun, *shell, str(report.with_suffix("")), *command, "--only-mpi", *arguments]
+        command, additions = on_ranks(ranks, report.with_suffix(""), *command, "--only-mpi", *arguments)
         code = subprocess.run(command, cwd=ROOT, env=os.environ | additions).returncode
         first = report.with_suffix(".0.xml")
         if first.exists():

@@ -2,7 +2,6 @@
 
 from pdfem_mpi.command.study.members import Axis, Member, StudyError, make_members, parse_axes
 from pdfem_mpi.command.study.outcomes import Outcome, changed_members, check_folder, outcome_in
-from pdfem_mpi.command.study.result_table import results_of
 from pdfem_mpi.command.study.running import Interruption, Start, starter
 from pdfem_mpi.command.study.study import prepare, run_study
 
@@ -19,7 +18,6 @@ __all__ = [
     "outcome_in",
     "parse_axes",
     "prepare",
-    "results_of",
     "run_study",
     "starter",
 ]

@@ -8,10 +8,11 @@ from pathlib import Path
 
 from pdfem_mpi.command.study.members import Axis, Member, StudyError
 from pdfem_mpi.command.study.outcomes import Outcome
-from pdfem_mpi.command.study.result_table import results_of, unquoted
+from pdfem_mpi.command.study.result_table import unquoted
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import dimension_of
 from pdfem_mpi.results.labels import attempt
+from pdfem_mpi.results.run_folder import numbers_of
 from pdfem_mpi.results.study_files import Series, draw_study
 
 
@@ -23,7 +24,7 @@ def choose_results(outcomes: Sequence[Outcome], wanted: Sequence[str]) -> list[s
     StudyError
         For a name that no member has.
     """
-    found = [results_of(outcome.summary) for outcome in outcomes if outcome.status == "finished"]
+    found = [numbers_of(outcome.summary) for outcome in outcomes if outcome.status == "finished"]
     if wanted:
         names = list(dict.fromkeys(name for row in found for name in row))
         unknown = [name for name in wanted if name not in names]
@@ -32,7 +33,7 @@ def choose_results(outcomes: Sequence[Outcome], wanted: Sequence[str]) -> list[s
                 [f"--plot {name}: no such result. The columns of study.csv are {', '.join(names)}." for name in unknown]
             )
         return [name for name in wanted if name in names]
-    probed = [results_of({"probes": outcome.summary.get("probes", {})}) for outcome in outcomes]
+    probed = [numbers_of({"probes": outcome.summary.get("probes", {})}) for outcome in outcomes]
     names = list(dict.fromkeys(name for row in probed for name in row))
     largest = {name: max(abs(row.get(name, 0.0)) for row in probed) for name in names}
     top = {name.rpartition("_")[0]: 0.0 for name in names}
@@ -65,7 +66,7 @@ def draw(
     curves: dict[str, list[tuple[str, dict[str, float]]]] = {}
     for member, outcome in zip(members, outcomes, strict=True):
         others = ", ".join(f"{name} = {unquoted(value)}" for name, value in member.values[n_first:])
-        row = results_of(outcome.summary) if outcome.status == "finished" else {}
+        row = numbers_of(outcome.summary) if outcome.status == "finished" else {}
         curves.setdefault(others, []).append((unquoted(dict(member.values)[key]), row))
     series = [
         Series(label, [x for x, _ in points], {name: [row.get(name) for _, row in points] for name in names})

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pdfem_mpi.command.study.members import Member, StudyError
-from pdfem_mpi.deck.table import show
+from pdfem_mpi.deck.table import leaves, show
 from pdfem_mpi.results.ownership import refuse_study
 from pdfem_mpi.results.run_folder import read_summary
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, MEMBER_STATUS
@@ -64,24 +64,11 @@ def check_folder(folder: Path) -> None:
 def _differences(path: Path, text: str) -> str:
     """The first few keys in which a deck differs from another."""
     try:
-        then = dict(_leaves(tomllib.loads(path.read_text(encoding="utf-8"))))
+        then = dict(leaves(tomllib.loads(path.read_text(encoding="utf-8"))))
     except (OSError, ValueError):
         return ""
-    now = dict(_leaves(tomllib.loads(text)))
+    now = dict(leaves(tomllib.loads(text)))
     keys = [key for key in {**then, **now} if then.get(key) != now.get(key)]
     shown = [f"{key} = {show(then.get(key, 'not there'))}, now {show(now.get(key, 'not there'))}" for key in keys[:3]]
     more = f", and {len(keys) - 3} more keys" if len(keys) > 3 else ""
     return f" ({'; '.join(shown)}{more})" if shown else ""
-
-
-def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted paths and values of nested tables and lists of tables; lists of numbers are values."""
-    if isinstance(value, dict):
-        items = value.items()
-    elif isinstance(value, list) and value and isinstance(value[0], dict):
-        items = enumerate(value)
-    else:
-        yield path, value
-        return
-    for key, item in items:
-        yield from _leaves(item, f"{path}.{key}" if path else str(key))

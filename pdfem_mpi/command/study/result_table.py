@@ -7,35 +7,12 @@ from typing import Any
 
 from pdfem_mpi.command.study.members import Member
 from pdfem_mpi.command.study.outcomes import Outcome
-
-# Of a summary: what tells nothing about the case, and the wall times, which go last
-NOT_RESULTS = ("schema_version", "exit_code", "ranks", "versions")
-WALL_TIMES = "seconds."
-
-
-def results_of(summary: dict[str, Any]) -> dict[str, float]:
-    """All numbers of a summary by dotted name; probes without prefix, vectors by component, wall times last."""
-    found: dict[str, float] = {}
-
-    def visit(name: str, value: Any) -> None:
-        if isinstance(value, dict):
-            for key, item in value.items():
-                visit(f"{name}.{key}" if name and name != "probes" else key, item)
-        elif isinstance(value, list) and len(value) == 3 and all(isinstance(item, float) for item in value):
-            for axis, item in zip("xyz", value, strict=True):
-                visit(f"{name}_{axis}", item)
-        elif isinstance(value, int | float) and not isinstance(value, bool):
-            found[name] = value
-
-    for key, value in summary.items():
-        if key not in NOT_RESULTS:
-            visit(key, value)
-    return dict(sorted(found.items(), key=lambda item: item[0].startswith(WALL_TIMES)))
+from pdfem_mpi.results.run_folder import WALL_TIMES, numbers_of
 
 
 def table(members: Sequence[Member], outcomes: Sequence[Outcome]) -> tuple[list[str], list[list[Any]]]:
     """Header and rows of ``study.csv``: the varied keys, how the member ended, and all numbers of its summary."""
-    results = [results_of(outcome.summary) if outcome.status == "finished" else {} for outcome in outcomes]
+    results = [numbers_of(outcome.summary) if outcome.status == "finished" else {} for outcome in outcomes]
     names = list(dict.fromkeys(name for row in results for name in row))
     names.sort(key=lambda name: name.startswith(WALL_TIMES))  # stable: the order of the summaries is kept
     keys = [key for key, _ in members[0].values]

@@ -117,9 +117,10 @@ def test_critical_stretches_by_region():
     """Infinity where a material does not fail, and where a region may not."""
     scene = scene_of(2.0, other=Material(youngs_modulus=2000.0, critical_stretch=0.01))
     body = local_share(scene)
-    np.testing.assert_array_equal(critical_stretches(scene, body), [[UNBREAKABLE, UNBREAKABLE], [UNBREAKABLE, 0.01]])
+    own = body.units.numbers(0.01)
+    np.testing.assert_array_equal(critical_stretches(scene, body), [[UNBREAKABLE, UNBREAKABLE], [UNBREAKABLE, own]])
     stiff = scene_of(0.5, other=Material(youngs_modulus=500.0, critical_stretch=0.01))
-    np.testing.assert_array_equal(critical_stretches(stiff, body), [[UNBREAKABLE, 0.01], [0.01, 0.01]])
+    np.testing.assert_array_equal(critical_stretches(stiff, body), [[UNBREAKABLE, own], [own, own]])
     held = tuple(r.model_copy(update={"may_fail": r.name != "second"}) for r in stiff.regions)
     assert (critical_stretches(stiff.model_copy(update={"regions": held}), body) == UNBREAKABLE).all()
 
@@ -318,11 +319,12 @@ def test_round_regions_that_miss_or_swallow():
     assert "regions.again overlaps regions.ball in 24 cells" in refused(scene_of(2.0, regions=(*twice, rest)))
 
 
-def test_overlap_needs_a_material_that_can_have_bonds():
+def test_overlap_needs_one_poissons_ratio():
     """Poisson's ratio 0.3 beside peridynamics is refused with the cells; beyond the overlap it is sound."""
     scene = scene_of(2.0, PD, FE, nu=0.3)
     message = refused(scene)
-    assert "regions.second.material has another Poisson's ratio than 1/4, and 4 of its cells are in" in message
+    assert "regions.second.material has a Poisson's ratio of 0.3, and 4 of its cells are in the overlap" in message
+    assert "beside cells with bonds of 0.25" in message
     assert "coupling.overlap = 1 cells deep" in message
     between = Region(name="between", model=FE, lower=(3.0, 0.0, 0.0), upper=(4.0, 2.0, 2.0))
     first, second = scene.regions
@@ -442,7 +444,9 @@ BAD = {
     "interfaces.0 changes nothing. Give youngs_modulus,": ("youngs_modulus = 5.0e7\n", ""),
     "interfaces.0.between = 3 is not a list of texts in quotes.": ('["default", "steel"]', "3"),
     "interfaces.0.between.0 = 3 is not a text": ('"default", ', "3, "),
-    "materials.steel.poissons_ratio = 0.3 is not 1/4, the only value": ("= 2.0e8\n", "= 2.0e8\npoissons_ratio = 0.3\n"),
+    "materials.steel.poissons_ratio = 0.495 is out of range for bonds, which bear 0 to 0.49.": (
+        "= 2.0e8\n", "= 2.0e8\npoissons_ratio = 0.495\n"
+    ),
     "materials.steel.youngs_modulus = -1.0 is out of range. Use a number above 0": ("2.0e8", "-1.0"),
     "unknown key materials.steel.youngs_modlus = 200000000.0. Did you mean youngs_modulus?": (
         "youngs_modulus = 2.0e8", "youngs_modlus = 2.0e8"

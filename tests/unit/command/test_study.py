@@ -22,11 +22,11 @@ from pdfem_mpi.command.study import (
     figure,
     make_members,
     parse_axes,
-    results_of,
     run_study,
     running,
 )
 from pdfem_mpi.deck.toml import read_deck
+from pdfem_mpi.results.run_folder import numbers_of
 from support.helpers import ROOT, run_pdfem
 
 DECK = ROOT / "jobs" / "bar_pd.toml"
@@ -235,7 +235,7 @@ def test_the_table_is_there_after_every_member(tmp_path, no_picture):
 
 def test_results_of_a_summary_are_flat():
     (member,) = members_of("mesh.spacing=0.2")
-    found = results_of(
+    found = numbers_of(
         summary_of(member, later={"n": 3, "deep": {"x": [1.0, 2.0, 3.0]}, "of_ranks": [7, 8, 9]}, ranks=3)
     )
     assert found == {

@@ -160,12 +160,25 @@ def test_line_probe_needs_two_ends_and_a_name_for_files():
     assert [problem.key for problem in problems] == ["name", "stop"]
 
 
-def test_other_poissons_ratio_is_refused_with_peridynamics_only():
-    material = Material(youngs_modulus=1.0, poissons_ratio=0.3)
-    assert scene(material=material).material.poissons_ratio == 0.3
+@pytest.mark.parametrize("nu", [-0.01, 0.495])
+def test_poissons_ratios_that_bonds_do_not_bear_are_refused_with_peridynamics_only(nu):
+    material = Material(youngs_modulus=1.0, poissons_ratio=nu)
+    assert scene(material=material).material.poissons_ratio == nu
     problem = only_problem(lambda: scene(material=material, regions=(BONDS,)))
     assert problem.key == "material.poissons_ratio"
-    assert "is not 1/4" in problem.text
+    assert "is out of range for bonds, which bear 0 to 0.49. Use a number in it" in problem.text
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.49])
+def test_poissons_ratios_of_bonds(nu):
+    material = Material(youngs_modulus=1.0, poissons_ratio=nu)
+    found = scene(material=material, regions=(BONDS,))
+    assert found.has_volumetric_part and not scene(regions=(BONDS,)).has_volumetric_part
+    assert not scene(material=material).has_volumetric_part
+    factors = Peridynamics(surface_correction="fitted")
+    problem = only_problem(lambda: scene(material=material, regions=(BONDS,), peridynamics=factors))
+    assert problem.key == "material.poissons_ratio"
+    assert 'does not go with peridynamics.surface_correction = "fitted"' in problem.text
 
 
 def test_cutoff_below_internal_length_is_refused():

@@ -79,9 +79,7 @@ def assert_pulled(path, **end):
 def assert_propped(path, clamp="clamp", tip="tip"):
     """The sag of the bar with its prop, and none at the prop."""
     supports = Support(set=clamp, x=0.0, y=0.0, z=0.0), Support(set=tip, z=0.0)
-    geometry, fields = solve(
-        path, (BodyForce(kind="body_force", region="body", density=(0.0, 0.0, -0.01)),), supports
-    )
+    geometry, fields = solve(path, (BodyForce(kind="body_force", region="body", density=(0.0, 0.0, -0.01)),), supports)
     assert displacement_at(geometry, fields, (5.0, 1.0, 1.0))[2] == pytest.approx(SAG, rel=SAG_DIGITS)
     assert displacement_at(geometry, fields, (10.0, 1.0, 0.0))[2] == 0.0
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.results import vtkhdf
-from pdfem_mpi.results.failure_plots import draw_failure, read_history, stages
+from pdfem_mpi.results.failure_plots import draw_failure, stages
 
 COLUMNS = (
     "event", "load_factor", "displacement", "reaction", "broken_bonds", "stored_energy", "dissipated_energy",
@@ -64,15 +64,6 @@ def test_without_damage_or_breaks(tmp_path):
     assert [path.name for path in drawn] == ["reaction.png", "energies.png"]
     (tmp_path / "b" / "history.csv").write_text("step,load_factor\n1,1.0\n")
     assert draw_failure(tmp_path / "b", "", "", "", warn=pytest.fail) == []
-
-
-def test_history_is_read_with_gaps(tmp_path):
-    (tmp_path / "history.csv").write_text("event,reaction,external_work\nstep,1.5,\nstep,2.5,0.25\n")
-    assert read_history(tmp_path / "history.csv") == {
-        "event": ["step", "step"],
-        "reaction": [1.5, 2.5],
-        "external_work": [None, 0.25],
-    }
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from pdfem_mpi.runs.identity import (
     LOAD_FACTORS,
     MAY_CHANGE,
     MESH,
+    TIMES,
     differences,
     identity,
     sha256,
@@ -32,7 +33,7 @@ def keys_of(**tables):
 SUPPORT = Support(face="x-", x=0.0)
 CRACK = Crack(polygon=((3.0, 0.0, 0.0), (3.0, 1.0, 0.0), (3.0, 1.0, 2.0)))
 KEYS = keys_of(supports=(SUPPORT,), cracks=(CRACK,), stepping=Steps(load_factors=(0.5, 1.0)))
-DEFINING = [key for key in KEYS if key != LOAD_FACTORS and not key.startswith(FREE + MAY_CHANGE)]
+DEFINING = [key for key in KEYS if key not in (LOAD_FACTORS, TIMES) and not key.startswith(FREE + MAY_CHANGE)]
 
 
 def another(value):

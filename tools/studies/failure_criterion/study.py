@@ -15,23 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from tools.studies import internals
-from tools.studies.failure_criterion.bodies import (
-    BODIES,
-    STRETCH,
-    THICKNESS,
-    BondList,
-    Ruled,
-    break_by_rule,
-    make_scene,
-    weights,
-)
+from pdfem_mpi import Simulation
+from tools.studies.failure_criterion.bodies import BODIES, STRETCH, THICKNESS, make_scene, weights
+from tools.studies.failure_criterion.rules import install, ruled
 from tools.studies.series import DOCS, RUNS, Results, fill, parser_of, table
 
 RESULTS = Results(RUNS / "criterion_study")
 FIGURE = DOCS / "figures" / "failure_criterion.svg"
 VERSION = 1  # counts up when cases mean something else
-FIT_TOLERANCE = 1e-5  # of the fits: far below what is read from them
 BULK = 27.0 * np.sqrt(np.pi) / 16.0 * (2.0 / 3.0) * 0.971457  # G_c / (E l s_0^2) of the bulk, cutoff 2.5 l
 RULES = ("all", "g>=0.1", "g>=0.5", "0.3<=g<=3", "r>=0.5", "r>=0.5 and g>=0.1", "depth", "capped", "energy")
 PROGRAMS_OWN = "r>=0.5"  # what `Failure.nearest` does
@@ -103,77 +94,62 @@ def run(case: Case) -> dict:
     meshes = RESULTS.folder / "meshes"
     meshes.mkdir(parents=True, exist_ok=True)
     scene = make_scene(case.body, case.h, case.length, case.correction, case.mirrored, meshes)
-    body = internals.assemble(scene, (RESULTS.folder / "fits",))
-    share, model = body.share, body.model
-    failure = internals.make_failure(scene, share, model)
-    edge = case.h / share.units.length
-    failure.nearest = 0.5 * edge if case.rule == PROGRAMS_OWN else 0.0
-    fit = model.body_fit.fit if model.body_fit else None
-    known = {"bonds": model.bonds.count, "fit_residual": fit.residual if fit else None}
+    simulation = Simulation(scene, caches=(RESULTS.folder / "fits",))
+    simulation.failure.nearest = 0.5 * case.h / case.length if case.rule == PROGRAMS_OWN else 0.0
+    bonds, fitted = simulation.bonds(), simulation.model.body_fit
+    fit = fitted.fit if fitted else None
+    known = {"bonds": len(bonds.points), "fit_residual": fit.residual if fit else None}
     known["largest_factor"] = fit.largest_factor if fit else None
     if case.body == "strip":
-        known["fracture_energy"] = own_fracture_energy(case, share, model)
+        known["fracture_energy"] = own_fracture_energy(case, bonds)
     else:
         if case.rule not in ("all", PROGRAMS_OWN):
-            bonds = BondList(share, model)
-            rule = weights(case.rule, bonds, edge, share, model)
-            books = failure.class_of, failure.stretch, failure.pairs, failure.strengths, failure.counter
-            failure = Ruled(*books).follow(bonds, *rule)
-        solver = internals.make_solver(scene, share, body.forces, body.load, print)
-        program = internals.follow_load_program(scene, solver, failure, body.state, body.load)
-        rows = list(islice(program, 1 if case.only_first else None))
-        known |= history(case, share, failure, rows, scene.mesh.symmetry)
+            rule = weights(case.rule, simulation, case.h)
+            simulation.failure = ruled(simulation.failure).follow(simulation, *rule)
+        simulation.prepare_solver(print)
+        rows = list(islice(simulation.steps(), 1 if case.only_first else None))
+        known |= history(case, simulation, bonds, rows)
     known["seconds"] = time.process_time() - began
     RESULTS.write(case.name, identity(case), known)
     return known
 
 
-def history(case: Case, share, failure, rows, planes) -> dict:
-    """First break, peak over stable states and their energies, from the rows of a run."""
-    units, (_, width, ligament, _) = share.units, BODIES[case.body]
+def history(case: Case, simulation: Simulation, bonds, rows) -> dict:
+    """First break, peak over stable states and their energies, from the rows of a run; ``bonds`` before it."""
+    planes, (_, width, ligament, _) = simulation.scene.mesh.symmetry, BODIES[case.body]
     parts = 2 ** len(planes)
     section = width * THICKNESS / 2 ** sum(face[0] in "yz" for face in planes)
-    to_stress = units.force / section / STRETCH
-    to_energy = units.force * units.length * parts / (BULK * case.length * STRETCH**2 * ligament * THICKNESS)
-    stable = [row for row in rows if row.event == "critical"]
-    top = max(stable, key=lambda row: row.reaction)
-    known = {"first": stable[0].reaction * to_stress}
+    to_stress = 1.0 / section / STRETCH
+    to_energy = parts / (BULK * case.length * STRETCH**2 * ligament * THICKNESS)
+    stable = [row for row in rows if row["event"] == "critical"]
+    top = max(stable, key=lambda row: row["reaction"])
+    known = {"first": stable[0]["reaction"] * to_stress}
     if case.only_first:
         return known
-    geometry = internals.gather_geometry(share)
-    rows_of_ends, reflection = geometry.rows_of_points(failure.broken_pairs())
-    ends = geometry.point_positions[rows_of_ends] - units.origin
-    if len(planes):
-        sign, shift = share.reflections
-        sign, shift = np.concatenate([np.ones((1, 3)), sign]), np.concatenate([np.zeros((1, 3)), shift * units.length])
-        ends = sign[reflection] * ends + shift[reflection]
-    middle = ends.mean(axis=1) + units.origin
+    first = np.flatnonzero((bonds.points == simulation.broken_bonds()[0]).all(axis=1))[0]
+    middle = bonds.start[first] + 0.5 * bonds.vector[first]
     if case.h == 1.0:  # the finer bodies' runs end when half of the load is lost
-        known |= {"broken": parts * rows[-1].broken, "energy": rows[-1].dissipated * to_energy}
+        last = rows[-1]
+        known |= {"broken": parts * last["broken_bonds"], "energy": last["dissipated_energy"] * to_energy}
     return known | {
-        "peak": top.reaction * to_stress,
+        "peak": top["reaction"] * to_stress,
         "stable_states": len(stable),
-        "broken_at_peak": parts * top.broken,
-        "energy_at_peak": top.dissipated * to_energy,
-        "place": np.abs(middle[0]).round(2).tolist(),
-        "ledger": max(abs(row.ledger_error) for row in rows if row.ledger_error is not None),
+        "broken_at_peak": parts * top["broken_bonds"],
+        "energy_at_peak": top["dissipated_energy"] * to_energy,
+        "place": np.abs(middle).round(2).tolist(),
+        "ledger": max(abs(row["ledger_error"]) for row in rows if row["ledger_error"] is not None),
     }
 
 
-def own_fracture_energy(case: Case, share, model) -> float:
+def own_fracture_energy(case: Case, bonds) -> float:
     """Energy of the bonds across ``x = 0`` at the critical stretch over the bulk's ``G_c``, away from the edges."""
-    bonds, half = BondList(share, model), (BODIES["strip"][1] / 2.0 - 2.6 * case.length) / case.length
-    x = np.ascontiguousarray(model.points.x.reshape(-1, 3, 4).swapaxes(1, 2)).reshape(-1, 3)
-    energy, plane = 0.0, -share.units.origin[0] / case.length
-    for ends, vector, square, stored in zip(bonds.ends, bonds.vector, bonds.square, bonds.stored, strict=True):
-        start, stop = x[ends[:, 0]], x[ends[:, 1]]
-        across = (start[:, 0] - plane) * (stop[:, 0] - plane) < 0.0
-        part = (plane - start[across, 0]) / vector[across, 0]
-        y = start[across, 1] + part * vector[across, 1] + share.units.origin[1] / case.length
-        near = np.abs(y) < half
-        energy += float((0.5 * stored[across] * square[across] ** 2)[near].sum())
-    height = THICKNESS / case.length / (2.0 if case.mirrored else 1.0)
-    return energy / (2.0 * half * height) / BULK
+    start, stop = bonds.start, bonds.start + bonds.vector
+    across = start[:, 0] * stop[:, 0] < 0.0
+    y = start[across, 1] - start[across, 0] / bonds.vector[across, 0] * bonds.vector[across, 1]
+    half = BODIES["strip"][1] / 2.0 - 2.6 * case.length
+    energy = 0.5 * bonds.stiffness[across][np.abs(y) < half].sum()
+    height = THICKNESS / (2.0 if case.mirrored else 1.0)
+    return float(energy / (2.0 * half * height * case.length) / BULK)
 
 
 def number(known: dict | None, key: str, form: str = ".3f") -> str:
@@ -220,12 +196,6 @@ def tables() -> dict[str, list[str]]:
     }
 
 
-def prepare() -> None:
-    """Loosen the fits, and let bonds break by the rules of this study."""
-    internals.equations.TOLERANCE = FIT_TOLERANCE
-    internals.ledger.break_bonds = break_by_rule
-
-
 def draw() -> None:
     """First breaks and peaks of each plate over those with "virial", and the same of the references."""
     from matplotlib import pyplot as plt
@@ -260,7 +230,7 @@ def main(words: Sequence[str]) -> int:
     """Run what is left, and fill the tables."""
     options = parser_of(__doc__, full="the largest references too").parse_args(words)
     if not options.dry_run:
-        prepare()
+        install()
     for case in CASES:
         if options.report or options.only not in case.name or (case.full and not options.full) or read(case):
             continue

@@ -61,7 +61,7 @@ def read_lines(series: list[Series], runs: Path) -> dict[str, dict[str, np.ndarr
         "everywhere_fitted": (EVERYWHERE + AFTER,),
     }
     return {
-        label: member.line("bottom")
+        label: member.run.line("bottom")
         for name, members in pairs
         for label, member in zip(names[name], members, strict=True)
     }

@@ -13,12 +13,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib import pyplot as plt
 
-from tools.studies import internals
+from pdfem_mpi import Simulation, read_deck
 from tools.studies.fitted import plate
 from tools.studies.members import run_series
 from tools.studies.series import DOCS, JOBS, RUNS
 
 CELLS = (12, 6, 6)
+STRAIN = 1e-3  # of the bar: 10,000 psi over 10 million psi
 BAR = (
     "mesh.spacing=0.1",
     "mesh.lower=[-2, -0.2, -0.2]",
@@ -31,65 +32,67 @@ BAR = (
 STYLE = {"free": ("tab:blue", "free signs"), "bounded": ("tab:orange", "positive"), "none": ("0.6", "no correction")}
 
 
-BLOCK = f"""
-[mesh]
-kind = "box"
-lower = [0, 0, 0]
-upper = [{CELLS[0]}, {CELLS[1]}, {CELLS[2]}]
-spacing = 1.0
-[material]
-youngs_modulus = 1000.0
-[[regions]]
-name = "bonds"
-model = "peridynamics"
-[[supports]]
-face = "x-"
-x = 0.0
-"""
+YOUNGS_MODULUS, EDGE = 1000.0, 1.0
+BLOCK = {
+    "mesh": {"kind": "box", "lower": [0, 0, 0], "upper": list(CELLS), "spacing": EDGE},
+    "material": {"youngs_modulus": YOUNGS_MODULUS},
+    "regions": [{"name": "bonds", "model": "peridynamics"}],
+    "supports": [{"face": "x-", "x": 0.0}],
+}
+#: Poisson's ratio of the bonds is 1/4: both of Lame's moduli are the same.
+LAME = YOUNGS_MODULUS / 2.5
+STRAINS = [np.eye(3)[[a]].T * np.eye(3)[b] for a, b in ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))]
+STRAINS = [0.5 * (strain + strain.T) for strain in STRAINS]
 
 
 def body(correction, signs="free"):
     """A block of cubes."""
-    settings = (f"peridynamics.surface_correction={correction}", f"peridynamics.signs={signs}")
-    settings += ("peridynamics.kinematics=linear",)
-    return internals.assemble(internals.parse_deck(BLOCK, "block", settings))
+    settings = {"surface_correction": correction, "signs": signs, "kinematics": "linear"}
+    return Simulation(read_deck(BLOCK | {"peridynamics": settings}))
+
+
+def surface_areas(x):
+    """Area vectors of the points: a quarter of a cell's face for each point beside it, shape (n_points, 3)."""
+    depth = (0.5 - 0.5 / np.sqrt(3.0)) * EDGE  # of the outermost points
+    low, high = np.abs(x - depth) < 1e-6, np.abs(x - CELLS + depth) < 1e-6
+    return 0.25 * EDGE**2 * (high.astype(float) - low)
 
 
 def draw_factors(path):
     """Histogram of the factors over all bonds of the block, for both signs."""
-    base = body("none").stored()
+    base = body("none").bonds().stiffness
     figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
     for signs in ("free", "bounded"):
-        factor = body("fitted", signs).stored()[base != 0.0] / base[base != 0.0]
+        factor = body("fitted", signs).bonds().stiffness / base
         colour, label = STYLE[signs]
         axes.hist(factor, np.linspace(-2.0, 14.0, 161), histtype="step", log=True, color=colour, label=label)
     axes.set_xlabel("strength of a bond, over that without correction")
     axes.set_ylabel("bonds")
-    axes.set_title(f"{' x '.join(map(str, CELLS))} cells, {np.count_nonzero(base):,} bonds", fontsize="medium")
+    axes.set_title(f"{' x '.join(map(str, CELLS))} cells, {len(base):,} bonds", fontsize="medium")
     axes.legend(frameon=False)
     figure.savefig(path / "fitted_factors.svg", metadata={"Date": None})
     plt.close(figure)
 
 
 def draw_residual(path):
-    """Largest miss of the ten equations of each point, in the outermost layer of points, for several corrections."""
+    """Force that six uniform strains leave on each point, in the outermost layer, for several corrections."""
     figure, axes = plt.subplots(1, 3, figsize=(9.6, 2.5), layout="constrained", sharey=True)
     for axis, correction in zip(axes, ("appendix_a", "virial", "fitted"), strict=True):
-        assembled = body(correction)
-        model, d = assembled.model, assembled.share
-        areas, _, _ = d.boundaries.areas_and_slack(False)
-        goal = internals.equations.targets(areas[model.subdomain.free].reshape(-1, 3))
-        operator = internals.Operator(model.comm, model.points, model.bonds, np.ones(1))
-        miss = np.abs(goal - operator.moments(np.zeros_like(goal), False)).max(axis=1).reshape(-1)
-        x = internals.point_rows(model.points.x)
+        block = body(correction)
+        x, miss, largest = block.points, np.zeros(len(block.points)), 0.0
+        for strain in STRAINS:
+            tractions = surface_areas(x) @ (LAME * np.trace(strain) * np.eye(3) + 2.0 * LAME * strain)
+            block.displace(lambda place, strain=strain: place @ strain)
+            miss = np.maximum(miss, np.abs(block.internal_forces().points - tractions).max(axis=1))
+            largest = max(largest, np.abs(tractions).max())
         layer = x[:, 2] > x[:, 2].max() - 1e-6
-        values = np.log10(np.maximum(miss[layer] / np.abs(goal).max(), 1e-12))
+        values = np.log10(np.maximum(miss[layer] / largest, 1e-12))
         shades = axis.scatter(x[layer, 0], x[layer, 1], c=values, vmin=-12, vmax=0, s=22, marker="s", rasterized=True)
         axis.set_title(correction.replace("_a", " A"), fontsize="medium")
         axis.set_aspect("equal")
         axis.set_xlabel("x / l")
     axes[0].set_ylabel("y / l")
-    figure.colorbar(shades, ax=axes, label="log10(miss / largest target)", shrink=0.9, aspect=12)
+    figure.colorbar(shades, ax=axes, label="log10(force left / largest traction)", shrink=0.9, aspect=12)
     figure.savefig(path / "fitted_residual.svg", metadata={"Date": None})
     plt.close(figure)
 
@@ -101,14 +104,14 @@ def draw_bar(path):
         ("bar_tension.toml", "appendix A, reading B", "tab:red"),
         ("bar_exact.toml", "fitted, exact coupling", "tab:blue"),
     ):
-        scene = internals.read_deck(JOBS / name, BAR)
-        found = internals.assemble(scene)
-        solve = internals.make_solver(scene, found.share, found.forces, found.load, lambda text: None)
-        (row,) = internals.follow_load_program(scene, solve, None, found.state, found.load)
-        fields = internals.gather_fields(found.share, found.forces, found.state.u)
-        bar = internals.measure_bar(scene, found.geometry, fields, scene.probes[0], row.load_factor)
-        error = 100.0 * (bar.displacement - bar.exact) / bar.exact.max()
-        axes.plot(bar.coordinate, error, ".-", color=colour, label=label)
+        bar = Simulation(read_deck(JOBS / name, BAR))
+        bar.solve(1.0)
+        fields = bar.fields()
+        x, u = np.concatenate([bar.nodes, bar.points]), np.concatenate([fields.u_nodes, fields.u_points])
+        place, section = np.unique(np.round(x[:, 0], 9), return_inverse=True)
+        mean = np.bincount(section, u[:, 0]) / np.bincount(section)
+        exact = STRAIN * place
+        axes.plot(place, 100.0 * (mean - exact) / exact.max(), ".-", color=colour, label=label)
     axes.axvline(0.0, color="0.7", lw=0.8)
     axes.set_xlabel("x / in")
     axes.set_ylabel("error of u_x, % of the end's")

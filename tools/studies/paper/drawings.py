@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from tools.studies import internals
-from tools.studies.internals import CURVES, STYLE, read_deck
+from pdfem_mpi import Simulation, read_deck
 from tools.studies.series import JOBS
+from tools.studies.style import CURVES, STYLE
 
 DPI, LAYOUT = 110, "constrained"
 CUTOFF = 2.5
@@ -129,20 +129,18 @@ def bond_law(path: Path, stretch: np.ndarray, force: np.ndarray, limit: float) -
 def _cells(panel, deck: str, overrides: Sequence[str], axes=(0, 1), linewidth=0.3) -> None:
     """The cells of a deck's mesh on one side of it, filled by what describes them."""
     scene = read_deck(JOBS / deck, overrides)
-    made = internals.share_of(scene, internals.mpi().COMM_SELF)
-    mesh = made.mesh
+    cells = Simulation(scene).cells
     across = 3 - sum(axes)
-    front = np.flatnonzero(mesh.centroids[:, across] > mesh.upper[across] - 0.75 * scene.mesh.spacing)
-    corners = mesh.nodes[mesh.cells[front]]
-    top = corners[:, :, across] > corners[:, :, across].mean(axis=1, keepdims=True)
-    faces = corners[top].reshape(-1, 4, 3)[:, :, axes]
+    top = cells.corners[:, :, across].max()
+    front = np.flatnonzero(cells.centroids[:, across] > top - 0.75 * scene.mesh.spacing)
+    corners = cells.corners[front]
+    upper = corners[:, :, across] > corners[:, :, across].mean(axis=1, keepdims=True)
+    faces = corners[upper].reshape(-1, 4, 3)[:, :, axes]
     middle = faces.mean(axis=1, keepdims=True)
     angle = np.arctan2(*(faces - middle).transpose(2, 0, 1)[::-1])
     faces = np.take_along_axis(faces, np.argsort(angle, axis=1)[:, :, None], axis=1)
-    names = np.where(made.has_points, "peridynamics", "finite elements").astype("U20")
-    bands = [index for index, region in enumerate(scene.regions) if region.name.startswith("band")]
-    names[np.isin(made.region, bands)] = "no-failure band"
-    names[made.is_overlap] = "overlap"
+    bands = np.char.startswith(cells.region, "band") & (cells.model != "overlap")
+    names = np.where(bands, "no-failure band", cells.model)
     colours = [REGIONS[name] for name in names[front]]
     panel.add_collection(PolyCollection(faces, facecolors=colours, edgecolors="#666666", linewidths=linewidth))
     for name in dict.fromkeys(names[front]):

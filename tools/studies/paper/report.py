@@ -33,9 +33,9 @@ def unfinished(series: list[Series], runs: Path) -> list[str]:
     found = results(series, runs)
     missing = [f"series {item.name} has no finished run" for item in series if item.name not in found]
     missing += [
-        f"series {item.name}: {len(found[item.name])} of {len(item.members()[1])} runs finished"
+        f"series {item.name}: {len(found[item.name])} of {len(item.members())} runs finished"
         for item in series
-        if item.name in found and len(found[item.name]) < len(item.members()[1])
+        if item.name in found and len(found[item.name]) < len(item.members())
     ]
     return missing
 
@@ -128,7 +128,7 @@ def _bar(found: Found, figures: Path, full: bool) -> dict[str, Any]:
         lines.append((f"coupled, {READINGS[kind]}", number, styles[kind], result))
     drawn = []
     for label, number, style, result in lines:
-        line = result.line("axis")
+        line = result.run.line("axis")
         u = line["u_x"] - 0.5 * (line["u_x"][0] + line["u_x"][-1])  # both ends move by opposite amounts
         drawn.append((label, number, style, line["x"], u))
     draw.bar_displacements(figures / "paper_12.png", drawn, BAR_STRAIN)
@@ -136,8 +136,8 @@ def _bar(found: Found, figures: Path, full: bool) -> dict[str, Any]:
     draw.bar_mesh(figures / "paper_11.png", spacing)
     sides = np.array([10.0, 0.4, 0.4]) / (0.05 if full else 0.2)
     return {
-        "bar_points": pd.summary["counts"]["points"],
-        "bar_bonds": pd.summary["counts"]["undirected_bonds"],
+        "bar_points": pd.run.summary["counts"]["points"],
+        "bar_bonds": pd.run.summary["counts"]["undirected_bonds"],
         "bar_cells": " x ".join(f"{n:.0f}" for n in sides),
         "bar_fe_gap": abs(fe.numbers["end_error_percent"]),
         "bar_pd_gap": pd.numbers["end_error_percent"],
@@ -155,7 +155,7 @@ def _plate(found: Found, figures: Path, full: bool) -> dict[str, Any]:
     coupled = {result.values["coupling.kind"]: result for result in found["plate_coupled"]}
     curves = [("finite elements", 0, "-", fe), ("peridynamics", 1, "-", pd)]
     curves += [("coupled, reading B", 2, "-", coupled["paper"]), ("coupled, reading A", 3, "--", coupled["paper_a"])]
-    lines = [(label, number, style, result.line("bottom")) for label, number, style, result in curves]
+    lines = [(label, number, style, result.run.line("bottom")) for label, number, style, result in curves]
     draw.plate_lines(figures / "paper_15.png", lines)
     draw.plate_mesh(figures / "paper_13_14.png", [] if full else PLATE_OVERRIDES)
     reference = lines[0][3]
@@ -165,7 +165,7 @@ def _plate(found: Found, figures: Path, full: bool) -> dict[str, Any]:
         return 100.0 * float(np.abs(lines[number][3][component] - reference[component]).max()) / size
 
     tops = [result.numbers["top_of_hole_y"] for result in (coupled["paper"], pd)]
-    quality = pd.summary["mesh"]
+    quality = pd.run.summary["mesh"]
     return {
         "plate_shortest": quality["shortest_edge"],
         "plate_longest": quality["longest_edge"],

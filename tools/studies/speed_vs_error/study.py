@@ -18,7 +18,7 @@ from pathlib import Path
 
 import psutil
 
-from tools.studies import internals
+from pdfem_mpi import __version__, read_deck, write_deck
 from tools.studies.series import DOCS, JOBS, RUNS, Results, parser_of, run_deck, summary_of
 from tools.studies.speed_vs_error.cases import DECKS, Case, make_series, reference_case
 from tools.studies.speed_vs_error.report import write_report
@@ -30,11 +30,8 @@ NOTES = ("broke down", "Going on with", "no positive bond factors", "the fit of 
 
 def identity(case, ranks):
     """What a stored result depends on: the whole deck, defaults included, the version, the ranks and the fit."""
-    deck = internals.write_deck(internals.read_deck(JOBS / DECKS[case.body, case.model], case.overrides))
-    fit = case.fit
-    if case.correction == "fitted":
-        fit += f" {internals.fit.VERSION}"
-    return hashlib.sha256(f"{internals.__version__}\n{ranks}\n{fit}\n{deck}".encode()).hexdigest()
+    deck = write_deck(read_deck(JOBS / DECKS[case.body, case.model], case.overrides))
+    return hashlib.sha256(f"{__version__}\n{ranks}\n{case.fit}\n{deck}".encode()).hexdigest()
 
 
 def run_case(case, ranks):

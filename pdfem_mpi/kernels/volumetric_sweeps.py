@@ -1,0 +1,278 @@
+"""Bond forces where Poisson's ratio is not 1/4, the second of two sweeps, and their tangent in finite kinematics.
+
+A bond's force has a share of its own and one of its points, ``T_ij = k_ij [s_ij + q_i + q_j]`` along the (deformed)
+bond, where ``q = M theta / (10 mu)`` stands at the points (`dilatations.make_pressures`)::
+
+    linear      f = K' [(eta . xi) + r0^2 (q_i + q_j)] xi
+    finite      f = K [phi + (1 - phi) (q_i + q_j)] (d + eta)
+    tangent     2 K { [phi + (1 - phi) Q] v + [(1 - Q) (1 - phi)^3 / r0^2 (y . v) + (1 - phi) Q'] y }
+
+with ``Q = q_i + q_j`` and ``Q'`` its change. Numbers, table and rounding are those of `bond_sweeps` and
+`bond_tangent`. Nothing breaks here: bonds break in the sweep of the dilatations.
+"""
+
+from numba import njit, types
+
+from pdfem_mpi.kernels.bond_response import (
+    ONE,
+    STEP,
+    V1,
+    V2,
+    V3,
+    V4,
+    V5,
+    V6,
+    V7,
+    V8,
+    response_by_series,
+    response_in_closed_form,
+    u8,
+)  # fmt: skip
+from pdfem_mpi.kernels.simd import W, fma, fnma, hmax, iadd, ihsum, isub, largest, load, magnitude, splat, store
+
+_NINE = u8(9)
+_options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
+
+
+@njit(**_options)
+def add_forces_linear(first, last, row_start, row_offset, row_data, S, SI, table, Q, material, scale):
+    """Add the force of every bond of the rows of points ``first:last`` to both of its points, linear kinematics.
+
+    Parameters
+    ----------
+    first, last, row_start, row_offset, row_data, S, SI, table
+        As in `bond_sweeps`.
+    Q : float64, shape (n_clusters * 4,)
+        ``q`` of all points.
+    material : int16, shape (n_clusters,)
+    scale : float64, shape (n_materials, n_materials)
+        What ``q`` is multiplied by, from the materials of the two points; of shape (1, 1) where it is 1 throughout.
+
+    Returns
+    -------
+    int
+        ``last``.
+    """
+    zero = splat(0.0)
+    several = scale.shape[0] > 1
+    M = load(table, V5)
+    for i in range(first, last):
+        r = u8(row_start[i])
+        end = u8(row_start[i + 1])
+        if end <= r:
+            continue
+        c = i // W
+        own = c * 9 * W + (i - c * W)
+        ux = splat(S[own])
+        uy = splat(S[own + W])
+        uz = splat(S[own + 2 * W])
+        zx = splat(S[own + 3 * W])
+        zy = splat(S[own + 4 * W])
+        zz = splat(S[own + 5 * W])
+        q = splat(Q[i])
+        fx = zero
+        fy = zero
+        fz = zero
+        while r < end:
+            b = u8(row_offset[r])
+            gx = load(S, b + V3) - zx
+            gy = load(S, b + V4) - zy
+            gz = load(S, b + V5) - zz
+            f = fma(load(S, b) - ux, gx, fma(load(S, b + V1) - uy, gy, (load(S, b + V2) - uz) * gz))
+            common = q + load(Q, b // _NINE)
+            if several:
+                common = common * splat(scale[material[c], material[b // u8(9 * W)]])
+            f = load(row_data, r * V1) * fma(fma(gx, gx, fma(gy, gy, gz * gz)), common, f)
+            r += ONE
+            px = fma(f, gx, M)
+            py = fma(f, gy, M)
+            pz = fma(f, gz, M)
+            fx = iadd(fx, px)
+            fy = iadd(fy, py)
+            fz = iadd(fz, pz)
+            store(S, b + V6, isub(load(S, b + V6), px))
+            store(S, b + V7, isub(load(S, b + V7), py))
+            store(S, b + V8, isub(load(S, b + V8), pz))
+        SI[own + 6 * W] += ihsum(fx)
+        SI[own + 7 * W] += ihsum(fy)
+        SI[own + 8 * W] += ihsum(fz)
+    return last
+
+
+def _finite_sweep(closed):
+    """Build the sweep of finite kinematics with ``phi`` in closed form or as a series."""
+
+    @njit(**_options)
+    def add_volumetric_forces(first, last, row_start, row_offset, row_data, S, SI, table, Q, material, scale):
+        """Add the force of every bond of the rows of points ``first:last`` to both of its points, finite kinematics.
+
+        Parameters and result are those of the linear sweep.
+        """
+        zero = splat(0.0)
+        several = scale.shape[0] > 1
+        M = load(table, V5)
+        one = load(table, V6)
+        for i in range(first, last):
+            r = u8(row_start[i])
+            end = u8(row_start[i + 1])
+            if end <= r:
+                continue
+            c = i // W
+            own = c * 9 * W + (i - c * W)
+            ux = splat(S[own])
+            uy = splat(S[own + W])
+            uz = splat(S[own + 2 * W])
+            zx = splat(S[own + 3 * W])
+            zy = splat(S[own + 4 * W])
+            zz = splat(S[own + 5 * W])
+            q = splat(Q[i])
+            fx = zero
+            fy = zero
+            fz = zero
+            while r < end:
+                b = u8(row_offset[r])
+                o = r * STEP
+                r += ONE
+                dx = load(S, b) - ux
+                dy = load(S, b + V1) - uy
+                dz = load(S, b + V2) - uz
+                gx = load(S, b + V3) - zx
+                gy = load(S, b + V4) - zy
+                gz = load(S, b + V5) - zz
+                e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + V1)
+                phi = response_in_closed_form(one, e, table) if closed else response_by_series(one, e, table)
+                common = q + load(Q, b // _NINE)
+                if several:
+                    common = common * splat(scale[material[c], material[b // u8(9 * W)]])
+                f = load(row_data, o) * (phi + fnma(phi, common, common))
+                px = fma(f, gx + dx, M)
+                py = fma(f, gy + dy, M)
+                pz = fma(f, gz + dz, M)
+                fx = iadd(fx, px)
+                fy = iadd(fy, py)
+                fz = iadd(fz, pz)
+                store(S, b + V6, isub(load(S, b + V6), px))
+                store(S, b + V7, isub(load(S, b + V7), py))
+                store(S, b + V8, isub(load(S, b + V8), pz))
+            SI[own + 6 * W] += ihsum(fx)
+            SI[own + 7 * W] += ihsum(fy)
+            SI[own + 8 * W] += ihsum(fz)
+        return last
+
+    return add_volumetric_forces
+
+
+def _tangent_sweep(closed):
+    """Build the sweep of the tangent, with ``phi`` in closed form or as a series."""
+
+    @njit(**_options)
+    def add_tangent_forces(
+        first, last, row_start, row_offset, row_data, S, SI, table, Q, material, scale, change, extremes
+    ):  # fmt: skip
+        """Add the change of the finite bond forces for a small change ``v`` of the displacements.
+
+        Parameters are those of the sweep of the forces, with ``v`` in rows 0-2 of the table and deformed positions in
+        rows 3-5.
+
+        change : float64, shape (n_clusters * 4,)
+            The change of ``q`` of all points.
+        extremes : float64, shape (2,)
+            The first is raised to the largest component of a bond's force.
+        """
+        zero = splat(0.0)
+        several = scale.shape[0] > 1
+        M = load(table, V5)
+        one = load(table, V6)
+        peak = splat(extremes[0])
+        for i in range(first, last):
+            r = u8(row_start[i])
+            end = u8(row_start[i + 1])
+            if end <= r:
+                continue
+            c = i // W
+            own = c * 9 * W + (i - c * W)
+            ux = splat(S[own])
+            uy = splat(S[own + W])
+            uz = splat(S[own + 2 * W])
+            zx = splat(S[own + 3 * W])
+            zy = splat(S[own + 4 * W])
+            zz = splat(S[own + 5 * W])
+            q = splat(Q[i])
+            more = splat(change[i])
+            fx = zero
+            fy = zero
+            fz = zero
+            while r < end:
+                b = u8(row_offset[r])
+                o = r * STEP
+                r += ONE
+                vx = load(S, b) - ux
+                vy = load(S, b + V1) - uy
+                vz = load(S, b + V2) - uz
+                yx = load(S, b + V3) - zx
+                yy = load(S, b + V4) - zy
+                yz = load(S, b + V5) - zz
+                inverse = load(row_data, o + V1)
+                e = fma(yx, yx, fma(yy, yy, yz * yz)) * inverse - one
+                phi = response_in_closed_form(one, e, table) if closed else response_by_series(one, e, table)
+                common = q + load(Q, b // _NINE)
+                changed = more + load(change, b // _NINE)
+                if several:
+                    weight = splat(scale[material[c], material[b // u8(9 * W)]])
+                    common = common * weight
+                    changed = changed * weight
+                k = load(row_data, o)
+                k = k + k
+                shrink = one - phi
+                along = (inverse * (one - common)) * (shrink * shrink) * fma(yx, vx, fma(yy, vy, yz * vz)) + changed
+                along = (k * shrink) * along
+                across = k * fma(shrink, common, phi)
+                px = fma(across, vx, fma(along, yx, M))
+                py = fma(across, vy, fma(along, yy, M))
+                pz = fma(across, vz, fma(along, yz, M))
+                peak = largest(magnitude(px - M), largest(magnitude(py - M), largest(magnitude(pz - M), peak)))
+                fx = iadd(fx, px)
+                fy = iadd(fy, py)
+                fz = iadd(fz, pz)
+                store(S, b + V6, isub(load(S, b + V6), px))
+                store(S, b + V7, isub(load(S, b + V7), py))
+                store(S, b + V8, isub(load(S, b + V8), pz))
+            SI[own + 6 * W] += ihsum(fx)
+            SI[own + 7 * W] += ihsum(fy)
+            SI[own + 8 * W] += ihsum(fz)
+        extremes[0] = hmax(peak)
+        return last
+
+    return add_tangent_forces
+
+
+add_forces_series = _finite_sweep(closed=False)
+add_forces_closed = _finite_sweep(closed=True)
+add_tangent_series = _tangent_sweep(closed=False)
+add_tangent_closed = _tangent_sweep(closed=True)
+#: By (finite, series).
+SWEEPS = {(True, True): add_forces_series, (True, False): add_forces_closed, (False, False): add_forces_linear}
+#: By whether as a series.
+TANGENTS = {True: add_tangent_series, False: add_tangent_closed}
+#: What to call the sweeps: their functions share a name.
+NAMES = {
+    add_forces_series: "finite, series, volumetric",
+    add_forces_closed: "finite, closed form, volumetric",
+    add_forces_linear: "linear, volumetric",
+    add_tangent_series: "tangent, series, volumetric",
+    add_tangent_closed: "tangent, closed form, volumetric",
+}
+
+_f8, _i8, _int, _i2 = types.float64[::1], types.int64[::1], types.int64, types.int16[::1]
+_table = types.float64[:, ::1]
+_forces = _int(_int, _int, _i8, types.uint32[::1], types.float32[::1], _f8, _i8, _f8, _f8, _i2, _table)
+_tangent = _int(
+    _int, _int, _i8, types.uint32[::1], types.float32[::1], _f8, _i8, _f8, _f8, _i2, _table, _f8, _f8
+)  # fmt: skip
+SIGNATURES = {
+    add_forces_linear: _forces,
+    add_forces_series: _forces,
+    add_forces_closed: _forces,
+    add_tangent_series: _tangent,
+    add_tangent_closed: _tangent,
+}

@@ -1,0 +1,192 @@
+"""Forces of bonds with a volumetric part (`volumetric`): two sweeps, and one number a point between them.
+
+The first sweep sums the dilatations, on which nothing but displacements bear; owners make ``q = M theta / (10 mu)`` of
+them and send it to the ranks that see their points; the second sweep adds the forces. The sums are made in the array
+where ``q`` stands afterwards: 8 bytes a point are all that this takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from pdfem_mpi.kernels import bond_response, dilatation_sweeps, dilatations, volumetric_sweeps
+from pdfem_mpi.kernels.exact_sums import SIZE, add_products
+from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
+from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.peridynamics.bond_forces import BondForces
+from pdfem_mpi.peridynamics.failure import Broken, Failure
+from pdfem_mpi.peridynamics.images import SCALAR, halo_for
+from pdfem_mpi.peridynamics.rows import Rows
+
+
+@dataclass
+class VolumetricForces(BondForces):
+    """`BondForces` of bonds with a volumetric part.
+
+    Attributes
+    ----------
+    q, qi : float64, int64, shape (n_clusters * 4,)
+        Sums of the dilatations, then ``q``, of all points that the rank sees; of the tangent their changes.
+    linearised : float64, shape (n_clusters * 4,), or None
+        Tangent: ``q`` where it is taken.
+    """
+
+    def __post_init__(self):
+        super().__post_init__()
+        self.law = self.bonds.volumetric
+        self.q = np.zeros(self.points.n_clusters * W)
+        self.qi = self.q.view(np.int64)
+        self.of_points = halo_for(self.points.halo, SCALAR)
+        self.linearised = np.zeros_like(self.q) if self.tangent else None
+
+    def force_bound(self, bound: float) -> float:
+        """Bound of a component of a bond's force: a part of its own, and one of its points."""
+        return super().force_bound(bound) * (1.0 if self.tangent else 2.0)
+
+    def dilatation_bound(self, bound: float) -> float:
+        """Bound of a term of the dilatations, from that of `Bounds.bond`."""
+        widest, cutoff = self.law.widest, self.bonds.cutoff
+        if self.tangent:
+            return bound * widest * cutoff
+        return bound * widest * cutoff * (self.bonds.strongest if self.bonds.finite else cutoff)
+
+    def start(self, u: np.ndarray, bound: float) -> float:
+        """As of `BondForces`; and clear the sums of the dilatations."""
+        quantum = super().start(u, bound)
+        self._clear(self.dilatation_bound(bound))
+        return quantum
+
+    def phases(self, failure: Failure | None, margin: float, met: np.ndarray) -> Iterator[tuple[str, Callable]]:
+        """As of `BondForces`; bonds break in the first sweep."""
+        interior, boundary = self.bonds.rows
+        if failure:
+            failure.released_at_points = partial(released, self)
+        yield "exchange", self.start_forward
+        yield "bonds", partial(self._sweep_dilatations, interior, failure, margin, met, self.points.halo)
+        yield "exchange", self.finish_forward
+        yield "bonds", partial(self._sweep_dilatations, boundary, failure, margin, met)
+        yield "exchange", partial(self.of_points.scatter_reverse, self.qi.reshape(-1, 2, 1, W))
+        yield "bonds", partial(self._make_pressures, met)
+        yield "exchange", partial(self.of_points.start_forward, self.q.reshape(-1, 2, 1, W))
+        yield "bonds", partial(self._sweep, interior, None, 0.0, met, self.of_points)
+        yield "exchange", partial(self.of_points.finish_forward, self.q.reshape(-1, 2, 1, W))
+        yield "bonds", partial(self._sweep, boundary, None, 0.0, met)
+        yield "exchange", self.start_reverse
+
+    def linearise(self, u: np.ndarray, largest_e: float) -> None:
+        """As of `BondForces`."""
+        super().linearise(u, largest_e)
+        self._largest_e = largest_e
+
+    def finish_linearise(self) -> None:
+        """Make ``q`` where the tangent is taken, and the deformed positions. Collective."""
+        points = self.points
+        points.halo.scatter_forward(self.S.reshape(-1, 2, 9, W)[:, :, 0:3])
+        if self._largest_e == 0.0:
+            self.q[:] = 0.0
+        else:
+            self.S[:, 3:6] = 2.0 * points.x.reshape(-1, 3, W) + self.S[:, 0:3]
+            bound = self._largest_e * self.law.widest * self.bonds.cutoff * self.bonds.strongest
+            self._clear(bound)
+            for rows in self.bonds.rows:
+                sweep = dilatation_sweeps.SWEEPS[True, self.series, False]
+                shared = *self._dilatation_arguments(rows), np.zeros(2), *self._failing(None, 0.0)
+                self._call(sweep, len(rows.start) - 1, shared)
+            self.of_points.scatter_reverse(self.qi.reshape(-1, 2, 1, W))
+            self._make_pressures(np.zeros(2))
+            self.of_points.scatter_forward(self.q.reshape(-1, 2, 1, W))
+        self.linearised[:] = self.q
+        self.S[:, 3:6] = points.x.reshape(-1, 3, W) + self.S[:, 0:3]
+
+    def add_energy(self, digits: np.ndarray) -> None:
+        """As of `BondForces`, with the volumetric part of the points."""
+        super().add_energy(digits)
+        theta = self.dilatation()
+        material = self.law.material[: 2 * self.points.n_owned]
+        weight = self.points.volume.reshape(-1, W)[: len(material)] * (0.5 * self.law.modulus[material])[:, None]
+        add_products((weight * theta).reshape(-1), theta.reshape(-1), digits)
+
+    def dilatation(self) -> np.ndarray:
+        """``theta`` of the owned points at the last evaluation, 0 where ``M`` is; shape (n_owned_clusters, 4)."""
+        law = self.law
+        material = law.material[: 2 * self.points.n_owned]
+        modulus = law.modulus[material]
+        inverse = np.divide(10.0 * law.reference, modulus, out=np.zeros_like(modulus), where=modulus != 0.0)
+        return self.q.reshape(-1, W)[: len(material)] * inverse[:, None]
+
+    def _clear(self, bound: float) -> None:
+        """Start the sums of the dilatations anew, for terms up to a bound."""
+        self._quantum, self._pattern = pattern_for(bound)
+        rows = self.bonds.rows_of_point, self.bonds.rows_at_cluster
+        dilatations.start_dilatations(self.qi, *rows, integer_bits(self._pattern))
+
+    def _dilatation_arguments(self, rows: Rows) -> tuple:
+        table = dilatation_sweeps.constants(self._pattern) if self.bonds.finite else self._pattern
+        return *rows.arrays, self.S.reshape(-1), self.q, self.qi, table, *self.law.of_bonds
+
+    def _sweep_dilatations(self, rows: Rows, failure: Failure | None, margin, met, halo=None) -> None:
+        """Add the terms of rows of bonds to the dilatations of their points; bonds break."""
+        extremes, shared = np.zeros(2), self._dilatation_arguments(rows)
+        if self.tangent:
+            sweep = dilatation_sweeps.CHANGES[self.series]
+            self._call(sweep, len(rows.start) - 1, (*shared, extremes), None, halo)
+            met[0] = max(met[0], extremes[0] / (self.law.widest * self.bonds.cutoff))
+            return
+        sweep = dilatation_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None]
+        shared = (*shared, extremes, *self._failing(failure, margin))
+        self._call(sweep, len(rows.start) - 1, shared, failure, halo)
+        met[0] = max(met[0], extremes[0], -extremes[1])
+
+    def _make_pressures(self, met: np.ndarray) -> None:
+        """``q`` of the owned points from their sums."""
+        law, points = self.law, self.points
+        top = dilatations.make_pressures(
+            self.q, self.qi, 2 * points.n_owned, self._quantum, law.material, law.factor, points.volume
+        )
+        if not self.tangent:  # whose forces are looked at one by one
+            strength = 1.0 if self.bonds.finite else 2.0 * self.bonds.stiffest
+            met[0] = max(met[0], 2.0 * law.widest * top * strength)
+
+    def _sweep(self, rows: Rows, failure, margin, met, halo=None) -> None:
+        """Add the forces of rows of bonds."""
+        extremes = np.zeros(2)
+        table = self.S.reshape(-1), self.SI.reshape(-1), bond_response.constants(self.pattern)
+        if self.tangent:
+            sweep = volumetric_sweeps.TANGENTS[self.series]
+            shared = (*rows.arrays, *table, self.linearised, *self.law.of_bonds, self.q, extremes)
+        else:
+            sweep = volumetric_sweeps.SWEEPS[self.bonds.finite, self.series]
+            shared = (*rows.arrays, *table, self.q, *self.law.of_bonds)
+        self.swept.add(volumetric_sweeps.NAMES[sweep])
+        self._call(sweep, len(rows.start) - 1, shared, None, halo)
+        met[0] = max(met[0], extremes[0])
+
+
+def released(forces: VolumetricForces, comm, broken: Broken) -> np.ndarray:
+    """Energy of the volumetric part that bonds which the last evaluation broke took away. Collective.
+
+    ``1/2 M w (theta^2 - theta'^2)`` of every point, ``w theta' = w theta - sum A e`` over its broken bonds.
+
+    Returns
+    -------
+    int64, shape (SIZE,)
+        An exact sum over all ranks.
+    """
+    law, points = forces.law, forces.points
+    n, digits = 2 * points.n_owned, np.zeros(SIZE, np.int64)
+    listed = broken.pairs, broken.strengths, forces.S.reshape(-1), forces.bonds.finite
+    terms = dilatations.listed_terms(*listed, *law.of_bonds)
+    quantum, _ = pattern_for(float(largest(comm, np.array([np.abs(terms).max(initial=0.0)]))[0]))
+    lost = np.zeros(points.n_clusters * W, np.int64)
+    np.add.at(lost, broken.pairs.reshape(-1), np.repeat(np.rint(terms / quantum).astype(np.int64), 2))
+    forces.of_points.scatter_reverse(lost.reshape(-1, 2, 1, W))
+    material, volume = law.material[:n, None], points.volume.reshape(-1, W)[:n]
+    change = quantum * lost.reshape(-1, W)[:n] / volume / (10.0 * law.reference)
+    both = change + 2.0 * forces.dilatation()
+    add_products((0.5 * law.modulus[material] * volume * change).reshape(-1), both.reshape(-1), digits)
+    return sum_integers(comm, digits)

@@ -1,0 +1,111 @@
+"""What a simulation shows between its steps: single bonds, forces and cells agree with each other."""
+
+import numpy as np
+import pytest
+
+import pdfem_mpi as pdfem
+from pdfem_mpi.parallel.comm import mpi
+
+#: Of the largest value: strengths are stored in single precision, sums have some hundred terms.
+STORED, ROUND_OFF = 1e-6, 1e-12
+STRAIN = np.array([[3e-4, 1e-4, 0.0], [1e-4, -2e-4, 5e-5], [0.0, 5e-5, 1e-4]])
+#: A coupled bar in inches and pounds, away from the origin: 4 cells of elements, 4 of bonds.
+BAR = {
+    "mesh": {"kind": "box", "lower": [2.0, 1.0, 0.0], "upper": [2.8, 1.3, 0.2], "spacing": 0.1},
+    "material": {"youngs_modulus": 1.0e7, "critical_stretch": 2e-3},
+    "regions": [
+        {"name": "left", "model": "finite_elements", "upper": [2.4, 9.0, 9.0]},
+        {"name": "right", "model": "peridynamics", "lower": [2.4, 0.0, -1.0]},
+    ],
+    "supports": [{"face": "x-", "x": 0.0, "y": 0.0, "z": 0.0}, {"face": "x+", "x": 1e-3}],
+    "peridynamics": {"kinematics": "linear"},
+    "solver": {"kind": "cg"},
+}
+
+
+def bar(**changes):
+    return pdfem.Simulation(pdfem.read_deck(BAR | changes), mpi().COMM_SELF)
+
+
+def alone(kinematics="linear", **changes):
+    """The bar of bonds alone."""
+    regions = [{"name": "all", "model": "peridynamics"}]
+    return bar(regions=regions, peridynamics={"kinematics": kinematics}, **changes)
+
+
+@pytest.mark.parametrize("kinematics", ["linear", "finite"])
+def test_listed_bonds_hold_the_stored_energy(kinematics):
+    """Stretched by a uniform strain: ``sum stiffness s^2 / 2``, each bond once."""
+    simulation = alone(kinematics)
+    simulation.displace(lambda x: x @ STRAIN)
+    bonds = simulation.bonds()
+    assert len(bonds.points) == simulation.model.bonds.count == len(np.unique(bonds.points, axis=0))
+    assert (bonds.points[:, 0] < bonds.points[:, 1]).all()
+    x = simulation.points
+    np.testing.assert_allclose(bonds.start, x[bonds.points[:, 0]], rtol=ROUND_OFF)
+    np.testing.assert_allclose(bonds.vector, np.diff(x[bonds.points], axis=1)[:, 0], rtol=0, atol=ROUND_OFF)
+    moved = bonds.vector @ (np.eye(3) + STRAIN)
+    exact = np.sqrt((moved**2).sum(axis=1)) / bonds.length - 1.0
+    if kinematics == "linear":
+        exact = ((bonds.vector @ STRAIN) * bonds.vector).sum(axis=1) / bonds.length**2
+    np.testing.assert_allclose(bonds.stretch, exact, rtol=0, atol=ROUND_OFF)
+    energy = simulation.forces.stored_energy(simulation.state.u)
+    energy *= simulation.share.units.force * simulation.share.units.length
+    assert 0.5 * (bonds.stiffness * bonds.stretch**2).sum() == pytest.approx(energy, rel=STORED)
+
+
+def test_internal_forces_are_those_of_the_listed_bonds():
+    """Along each bond ``stiffness s / r``, on its two points with opposite signs; some displacements at random."""
+    simulation = alone()
+    displacements = np.random.default_rng(5).uniform(-1e-4, 1e-4, simulation.points.shape)
+    simulation.displace(lambda x: displacements[_order(x, simulation.points)])
+    np.testing.assert_allclose(simulation.fields().u_points, displacements, rtol=0, atol=1e-15)
+    bonds, forces = simulation.bonds(), simulation.internal_forces()
+    pull = (bonds.stiffness * bonds.stretch / bonds.length**2)[:, None] * bonds.vector
+    expected = np.zeros_like(displacements)
+    np.add.at(expected, bonds.points[:, 0], -pull)
+    np.add.at(expected, bonds.points[:, 1], pull)
+    np.testing.assert_allclose(forces.points, expected, rtol=0, atol=STORED * np.abs(expected).max())
+    assert forces.nodes is None
+
+
+def _order(x, places):
+    """Row of each position among all places."""
+    distance = np.abs(x[:, None] - places[None]).max(axis=2)
+    assert distance.min(axis=1).max() < 1e-9
+    return distance.argmin(axis=1)
+
+
+def test_in_equilibrium_the_free_points_carry_nothing_and_supports_the_reaction():
+    simulation = bar()
+    row = simulation.solve(1.0)
+    forces, x = simulation.internal_forces(), simulation.nodes[:, 0]
+    # the support on the left pulls against x
+    assert forces.nodes[x < 2.05].sum(axis=0)[0] == pytest.approx(-row["reaction"], rel=1e-5)
+    assert np.abs(forces.nodes[(x > 2.05)]).max() < 1e-5 * row["reaction"]
+    cells = simulation.cells
+    assert cells.model.tolist().count("overlap") == 6
+    assert set(cells.region[cells.model == "peridynamics"]) == {"right"}
+    own = simulation.points.reshape(-1, 8, 3).mean(axis=1)
+    np.testing.assert_allclose(own, cells.centroids[cells.has_points], rtol=ROUND_OFF)
+
+
+def test_broken_bonds_are_those_that_are_no_longer_listed():
+    """A state beyond the critical stretch breaks; ids agree with the list before."""
+    simulation = alone(supports=[{"face": "x-", "x": 0.0, "y": 0.0, "z": 0.0}, {"face": "x+", "x": 2e-3}],
+                       stepping={"kind": "events"})  # fmt: skip
+    before = {tuple(pair) for pair in simulation.bonds().points.tolist()}
+    assert not len(simulation.broken_bonds())
+    for row in simulation.steps():
+        if row["broken_bonds"]:
+            break
+    after = {tuple(pair) for pair in simulation.bonds().points.tolist()}
+    broken = {tuple(pair) for pair in simulation.broken_bonds().tolist()}
+    assert broken and broken == before - after
+
+
+def test_what_has_no_bonds_lists_none():
+    elements = {"regions": [{"name": "all", "model": "finite_elements"}], "material": {"youngs_modulus": 1.0e7}}
+    simulation = bar(**elements, peridynamics={})
+    assert simulation.bonds() is None and not len(simulation.broken_bonds())
+    assert simulation.internal_forces().points is None
