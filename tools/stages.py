@@ -99,7 +99,7 @@ def stages(include_slow: bool) -> list[Stage]:
             [
                 # a share each, before two processes would both compile all
                 ["env", *settings, *command, sys.executable, "-m", "pdfem_mpi", "warmup"],
-                pytest("serial.xml", "-m", f"not mpi{slow}", "--ignore=tests/conventions", *TWO_AT_ONCE),
+                pytest("serial.xml", "-m", f"not mpi{slow} and not study", "--ignore=tests/conventions", *TWO_AT_ONCE),
             ],
             limit(420),
             [REPORTS / "serial.xml"],

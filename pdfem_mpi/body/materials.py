@@ -13,6 +13,7 @@ import numpy as np
 from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.deck.materials import DEFAULT_MATERIAL, Material
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.softening import CRITERION
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ def bond_materials(scene: Scene) -> tuple[tuple[tuple[Material, ...], ...], ...]
         interface = given.get(frozenset((a, b)))
         own = {} if interface is None else interface.model_dump(exclude={"between"}, exclude_none=True)
         if interface is not None and interface.can_fail:
-            own = {"critical_stretch": None, "fracture_energy": None} | own
+            own = dict.fromkeys(CRITERION) | own
         return tuple(side.model_copy(update=own) for side in sides if side.modulus_of_bonds == softest)
 
     return tuple(tuple(holding(a, b) for b in materials) for a in materials)
@@ -89,7 +90,9 @@ def material_table(scene: Scene) -> MaterialTable:
     )
 
 
-def bond_stretches(scene: Scene, internal_length: float, cutoff_ratio: float) -> np.ndarray:
+def bond_stretches(
+    scene: Scene, internal_length: float, cutoff_ratio: float, units: ModelUnits | None = None
+) -> np.ndarray:
     """Critical stretch of the bonds between two materials; infinity if they do not break.
 
     Parameters
@@ -98,14 +101,19 @@ def bond_stretches(scene: Scene, internal_length: float, cutoff_ratio: float) ->
         In the deck's unit.
     cutoff_ratio : float
         ``r_c / l``.
+    units : ModelUnits, optional
+        Which round what comes from a fracture energy: its last digits hang on the deck's units.
 
     Returns
     -------
     float64, shape (n_materials, n_materials), dimension 1
     """
 
+    def stretch(material: Material) -> float | None:
+        s = material.stretch_at_failure(internal_length, cutoff_ratio)
+        return float(units.numbers(s)) if units and s and material.fracture_energy is not None else s
+
     def weakest(of_bond: tuple[Material, ...]) -> float:
-        stretches = (material.stretch_at_failure(internal_length, cutoff_ratio) for material in of_bond)
-        return min((s for s in stretches if s is not None), default=np.inf)
+        return min((s for s in map(stretch, of_bond) if s is not None), default=np.inf)
 
     return np.array([[weakest(of_bond) for of_bond in row] for row in bond_materials(scene)])

@@ -67,7 +67,7 @@ def main() -> None:
         code = EXIT_USAGE
     except typer.Abort:
         if launch.launcher_variable() is not None:
-            # a launcher lets the other ranks wait for ever in the start of MPI when one has left with a code
+            # when one rank ends with an exit code, a launcher lets the others wait for ever in the start of MPI
             signal.signal(signal.SIGINT, signal.SIG_DFL)
             os.kill(os.getpid(), signal.SIGINT)
         code = EXIT_INTERRUPTED
@@ -237,7 +237,8 @@ def warmup() -> int:
 @app.command()
 def study(
     deck: options.DeckArgument,
-    vary: options.VaryOption,
+    vary: options.VaryOption = None,
+    refine: options.RefineOption = None,
     ranks: Annotated[int | None, typer.Option("-n", "--ranks", min=1, help="MPI ranks of each member.")] = None,
     overrides: options.SetOption = None,
     out: options.StudyOutOption = None,
@@ -253,19 +254,26 @@ def study(
             [f"pdfem: {variable} is set: study starts its own ranks. Run it from a plain shell, with -n."],
             launch.rank_by_launcher(),
         )
-    from pdfem_mpi.command.study import Interruption, StudyError, prepare, run_study, starter
+    from pdfem_mpi.command import study as studies
 
-    overrides, folder = overrides or [], out or Path("runs") / f"{deck.stem}-study"
-    interruption = Interruption()
+    overrides, folder, vary = overrides or [], out or Path("runs") / f"{deck.stem}-study", vary or []
+    interruption = studies.Interruption()
     try:
+        if refine is None and not vary:
+            raise studies.StudyError(["study: give --vary KEY=V1,V2, or --refine 3 for cells h, h/2, h/4."])
+        if refine is not None:
+            vary = [studies.vary_cells(deck, refine, overrides), *vary]
         if ranks is not None and ranks > 1:
             launch.mpirun_command(ranks)  # a missing launcher is reported once, not by every member
-        axes, members = prepare(deck, vary, overrides, folder, overwrite)
-        start = starter(deck, overrides, ranks, interruption)
-        code = run_study(members, axes, folder, start, print_at_once, plot or [], interruption)
+        axes, members = studies.prepare(deck, vary, overrides, folder, overwrite)
+        start = studies.starter(deck, overrides, ranks, interruption)
+        code = studies.run_study(members, axes, folder, start, print_at_once, plot or [], interruption)
+        if refine is not None and len(axes) == 1:
+            for line in studies.describe_refinement(members, folder):
+                print_at_once(line)
     except DeckError as error:
         raise fail(error.messages, 0) from None
-    except StudyError as error:
+    except studies.StudyError as error:
         raise fail([f"pdfem: {message}" for message in error.messages], 0) from None
     except launch.LaunchError as error:
         raise fail([f"pdfem: {error}"], 0) from None

@@ -42,8 +42,12 @@ MinutesOption = Annotated[
     typer.Option("--checkpoint-minutes", help="Between checkpoints.", show_default="checkpoint.minutes, 10"),
 ]
 StealOption = Annotated[bool, typer.Option("--steal-lock", help="Take a folder that another job held and surely left.")]
+RefineOption = Annotated[
+    int | None,
+    typer.Option("--refine", metavar="N", help="Cells h, h/2, ... in N levels; tells peaks and probes at h -> 0."),
+]
 VaryOption = Annotated[
-    list[str],
+    list[str] | None,
     typer.Option(
         "--vary",
         metavar="KEY=V1,V2",

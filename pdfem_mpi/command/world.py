@@ -18,7 +18,7 @@ from pdfem_mpi.system.process_limits import shared_memory_problem
 
 
 def become_ranks(deck: Path, overrides: list[str], ranks: int | None) -> None:
-    """Become a launcher of so many ranks, each of which comes here again; nothing for one, or where one was used."""
+    """Become a launcher of so many ranks, each of which comes here again; do nothing for one, or under a launcher."""
     if launch.launcher_variable() is None and ranks is not None and ranks > 1:
         try:
             read_deck(deck, overrides)  # problems show before any rank starts
@@ -43,7 +43,7 @@ def start_world(ranks: int | None) -> Any:
 
     try:
         if launch.launcher_variable() is not None:
-            # a rank that left before MPI has started is missed by nobody but the others, which would wait for ever
+            # the launcher does not notice a rank that leaves before MPI has started, and the others would wait for ever
             faulthandler.dump_traceback_later(patience(), exit=True)
         comm = parallel.world()
         faulthandler.cancel_dump_traceback_later()

@@ -28,3 +28,16 @@ def between(times: Sequence[float], load_factors: Sequence[float], increments: i
         found += [(t + (later - t) * k / increments, a + (b - a) * k / increments) for k in range(1, increments)]
         found.append((later, b))
     return found
+
+
+def through_nothing(times: Sequence[float], load_factors: Sequence[float]) -> list[tuple[float, float, bool]]:
+    """Times and load factors of the table, and of where the straight lines between them pass 0 (False)."""
+    found: list[tuple[float, float, bool]] = []
+    before = (0.0, 0.0)
+    for time, factor in zip(times, load_factors, strict=True):
+        if before[1] * factor < 0.0:
+            share = before[1] / (before[1] - factor)
+            found.append((before[0] + share * (time - before[0]), 0.0, False))
+        found.append((time, factor, True))
+        before = time, factor
+    return found

@@ -6,11 +6,10 @@ import itertools
 import math
 import re
 from collections.abc import Iterable, Sequence
-from typing import Any
-
-from pydantic import BaseModel
+from typing import Any, Literal
 
 from pdfem_mpi.deck.opening import squared_dilatation
+from pdfem_mpi.deck.softening import DROP, PAIR, can_fail, criterion_problems, curve_key, softens
 from pdfem_mpi.deck.table import LONGEST_NAME, MOST_HINTS, Problem, Table, did_you_mean, key, show
 
 DEFAULT_MATERIAL = "default"  # what regions and interfaces call the table [material]
@@ -18,12 +17,6 @@ MOST_CONTRAST = 1e5  # of Young's moduli: at 1e6 residuals of elements stop at 2
 BOND_POISSONS_RATIO = 0.25  # that of bonds alone; another one asks for a volumetric part beside them
 LEAST_BOND_RATIO, MOST_BOND_RATIO = 0.0, 0.49  # of materials with bonds
 NEARLY_INCOMPRESSIBLE = 0.45  # above, solves take longer, and displacements are less exact
-
-
-def _failure_problems(table: BaseModel) -> list[Problem]:
-    if table.critical_stretch is None or table.fracture_energy is None:
-        return []
-    return [Problem("critical_stretch", "and fracture_energy are both given, and each gives the other. Keep one.")]
 
 
 class Material(Table):
@@ -38,6 +31,15 @@ class Material(Table):
         ``s_0`` of eq. (4): bonds beyond it break.
     fracture_energy : float or None, > 0, dimension force / length
         ``G_c``, which gives ``s_0`` by the bonds that a plane cuts. At most one of the two; None (default): no failure.
+    tensile_strength : float or None, > 0, dimension force / length^2
+        ``f_t``, with a fracture energy: bonds soften from the stretch ``f_t / E`` on, so that both are the material's.
+    softening : "drop", "line" or None
+        The force falls to half of itself and from there on a straight line to 0; or on a line from its peak, for which
+        the strength is above that of the bonds. None (default): "drop" where a strength is given.
+    kink_stretch_ratio, kink_force_ratio : float or None, dimension 1
+        With "drop": the line has a kink, at this fraction of the final stretch and this fraction of the peak force.
+    traction_opening : pairs of floats or None, dimensions length and force / length^2
+        What a crack transmits over its opening, from the strength at 0 to 0: in the place of strength, energy and kink.
     thermal_expansion : float or None, dimension 1 / temperature
         Strain of a free body per change of temperature; see the table ``[temperature]``.
 
@@ -51,16 +53,26 @@ class Material(Table):
     poissons_ratio: float = key(BOND_POISSONS_RATIO, gt=-1, lt=0.5, dimension="1")
     critical_stretch: float | None = key(None, gt=0, dimension="1")
     fracture_energy: float | None = key(None, gt=0, dimension="force / length")
+    tensile_strength: float | None = key(None, gt=0, dimension="force / length^2")
+    softening: Literal["drop", "line"] | None = key(None)
+    kink_stretch_ratio: float | None = key(None, gt=0, lt=1, dimension="1")
+    kink_force_ratio: float | None = key(None, gt=0, lt=DROP, dimension="1")
+    traction_opening: tuple[PAIR, ...] | None = curve_key()
     thermal_expansion: float | None = key(None, dimension="1 / temperature")
 
     def problems(self) -> list[Problem]:
-        """At most one of critical stretch and fracture energy."""
-        return _failure_problems(self)
+        """One criterion, whole."""
+        return criterion_problems(self)
 
     @property
     def can_fail(self) -> bool:
         """Whether bonds of this material break."""
-        return self.critical_stretch is not None or self.fracture_energy is not None
+        return can_fail(self)
+
+    @property
+    def softens(self) -> bool:
+        """Whether its bonds soften before they break."""
+        return softens(self)
 
     def stretch_at_failure(self, internal_length: float, cutoff_ratio: float) -> float | None:
         """The critical stretch, given or from the fracture energy; None without failure.
@@ -125,17 +137,23 @@ class Interface(Table):
     youngs_modulus : float or None, > 0, dimension force / length^2
     critical_stretch : float or None, > 0, dimension 1
     fracture_energy : float or None, > 0, dimension force / length
-        At most one of the last two.
+    tensile_strength, softening, kink_stretch_ratio, kink_force_ratio, traction_opening
+        As of a material; what is given of these and the two above replaces all of the material's.
     """
 
     between: tuple[str, ...] = key(remedy='Name the two materials, for example ["default", "steel"].')
     youngs_modulus: float | None = key(None, gt=0, dimension="force / length^2")
     critical_stretch: float | None = key(None, gt=0, dimension="1")
     fracture_energy: float | None = key(None, gt=0, dimension="force / length")
+    tensile_strength: float | None = key(None, gt=0, dimension="force / length^2")
+    softening: Literal["drop", "line"] | None = key(None)
+    kink_stretch_ratio: float | None = key(None, gt=0, lt=1, dimension="1")
+    kink_force_ratio: float | None = key(None, gt=0, lt=DROP, dimension="1")
+    traction_opening: tuple[PAIR, ...] | None = curve_key()
 
     def problems(self) -> list[Problem]:
         """Two different names, and something given."""
-        problems = _failure_problems(self)
+        problems = criterion_problems(self)
         if len(self.between) != 2 or self.between[0] == self.between[1]:
             problems.append(
                 Problem("between", f"= {show(self.between)} must name two different materials. Correct it.")
@@ -149,7 +167,12 @@ class Interface(Table):
     @property
     def can_fail(self) -> bool:
         """Whether it says when bonds break."""
-        return self.critical_stretch is not None or self.fracture_energy is not None
+        return can_fail(self)
+
+    @property
+    def softens(self) -> bool:
+        """Whether bonds across it soften before they break."""
+        return softens(self)
 
 
 def all_materials(material: Material, materials: dict[str, Material]) -> dict[str, tuple[str, Material]]:

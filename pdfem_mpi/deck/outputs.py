@@ -18,6 +18,7 @@ from pdfem_mpi.deck.mechanical_probes import (
     names_problems,
 )
 from pdfem_mpi.deck.meshes import Mesh
+from pdfem_mpi.deck.opening_probe import OpeningProbe
 from pdfem_mpi.deck.regions import Region, has_model, repeated_names
 from pdfem_mpi.deck.table import Problem, Table, Vector, key, show
 
@@ -34,11 +35,20 @@ BAR_RESULTS = (
 
 
 class DisplacementProbe(Table):
-    """Displacement at a named point; a ``[[probes]]`` table with ``kind = "displacement"``."""
+    """Displacement at a named point; a ``[[probes]]`` table with ``kind = "displacement"``.
+
+    Its columns in history.csv are ``NAME.u_x``, ``NAME.u_y`` and ``NAME.u_z``.
+    """
 
     kind: Literal["displacement"]
     name: str = key(min_length=1, remedy="Give the probe a name; results are listed under it.")
     point: Vector = key(dimension="length", remedy="Give the point, for example [5.0, 0.0, 0.0].")
+
+    def problems(self) -> list[Problem]:
+        """A name on one line: columns are called by it."""
+        if "\n" not in self.name and "\r" not in self.name:
+            return []
+        return [Problem("name", f"= {show(self.name)} has a line break, and columns are called by it. Take it out.")]
 
 
 class BarProbe(Table):
@@ -95,7 +105,7 @@ class LineProbe(Table):
 
 
 Probe = Annotated[
-    DisplacementProbe | BarProbe | LineProbe | PointProbe | SetProbe | CutProbe | EnergyReleaseProbe,
+    DisplacementProbe | BarProbe | LineProbe | PointProbe | SetProbe | CutProbe | EnergyReleaseProbe | OpeningProbe,
     Field(discriminator="kind"),
 ]
 
@@ -172,6 +182,20 @@ def check_damage(output: Output, regions: Sequence[Region]) -> list[Problem]:
     if output.damage:
         return [Problem("output.damage", "= true counts broken bonds, and no region has any. Remove it.")]
     return [Problem("output.fields", 'has "damage", which counts broken bonds, and no region has any. Remove it.')]
+
+
+def check_column_names(probes: Sequence[Any], supports: Sequence[Any], loads: Sequence[Any]) -> list[Problem]:
+    """Columns of history.csv are called by names of probes, supports and loads: each is there once."""
+    first: dict[str, str] = {}
+    problems = []
+    for table, items in (("probes", probes), ("supports", supports), ("loads", loads)):
+        for index, item in enumerate(items):
+            name, where = getattr(item, "name", None), f"{table}.{index}"
+            other = first.setdefault(name, where) if name is not None else where
+            if other.split(".")[0] != table or (other != where and table != "probes"):
+                text = f"= {show(name)} is the name of {other} already, and columns are called by it. Choose another."
+                problems.append(Problem(f"{where}.name", text))
+    return problems
 
 
 def check_probe_names(probes: Sequence[Any]) -> list[Problem]:

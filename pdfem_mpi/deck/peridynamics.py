@@ -72,12 +72,15 @@ class Peridynamics(Table):
 class Crack(Table):
     """An initial crack: bonds through a plane polygon are cut before the first load; ``[[cracks]]`` tables.
 
+    ``kind = "polygon"`` may be left out; other shapes are in `deck.cracks`.
+
     Attributes
     ----------
     polygon : three or more points, dimension length
         Corners in order, in one plane; the polygon may stick out of the body. Bonds through its edges are cut too.
     """
 
+    kind: Literal["polygon"] = key("polygon")
     polygon: tuple[Vector, ...] = key(
         min_length=3,
         dimension="length",
@@ -104,6 +107,10 @@ class Crack(Table):
                 )
             ]
         return []
+
+    def corners(self, lower: Sequence[float], upper: Sequence[float]) -> tuple[Vector, ...]:
+        """Corners of the polygon that cuts; one of the deck's own does not depend on the box of the body."""
+        return self.polygon
 
 
 def polygon_normal(corners: Sequence[Vector]) -> tuple[Vector | None, float]:

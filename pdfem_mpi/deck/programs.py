@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from pdfem_mpi.deck.amplitudes import amplitude_problems, between
-from pdfem_mpi.deck.loads import Support
-from pdfem_mpi.deck.materials import Interface, Material, all_materials
-from pdfem_mpi.deck.regions import Region, has_model
+from pdfem_mpi.deck.amplitudes import amplitude_problems, between, through_nothing
 from pdfem_mpi.deck.table import Problem, Table, key, show
 
 
@@ -46,12 +42,15 @@ class Steps(Table):
         A pseudo-time for each load factor, strictly rising from 0: factors may then rise, fall and change their sign.
     increments : int or None, >= 1
         Equilibria on the straight line from one time to the next; None (default): one.
+    tooth_ratio : float or None, above 1 to 2, dimension 1
+        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
     """
 
     kind: Literal["steps"] = key("steps")
     load_factors: tuple[float, ...] = key((1.0,), min_length=1, dimension="1")
     times: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
     increments: int | None = key(None, ge=1)
+    tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
 
     @property
     def schedule(self) -> list[tuple[float | None, float]]:
@@ -101,6 +100,8 @@ class Ramp(Table):
         or when the reaction has fallen below this fraction of its peak.
     report_every : int, >= 1
         Iterations between two rows of the history, which are frames of the fields as well.
+    tooth_ratio : float or None, above 1 to 2, dimension 1
+        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
     """
 
     kind: Literal["ramp"]
@@ -108,6 +109,7 @@ class Ramp(Table):
     end_load_factor: float = key(1.0, gt=0, dimension="1")
     end_reaction: float = key(0.05, ge=0, lt=1, dimension="1")
     report_every: int = key(1000, ge=1)
+    tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
 
     def problems(self) -> list[Problem]:
         """A ramp of at least one iteration."""
@@ -133,7 +135,8 @@ class Events(Table):
     Attributes
     ----------
     eta : float, 1e-6 to below 0.5, dimension 1
-        Bonds within this fraction of their critical stretch break together with the first.
+        Bonds within this fraction of their critical stretch break together with the first. 1e-2 by default where bonds
+        soften, with 4 sweeps between batches.
     inner_iterations : int, >= 1
         Sweeps of relaxation between two batches of breaks in an avalanche, fewer where the residual gets to 1e-4.
     arrest_tolerance : float, above 0 and below 1, dimension 1
@@ -143,11 +146,22 @@ class Events(Table):
         The run ends here; None (default): no such limit.
     end_reaction : float, above 0 and below 1, dimension 1
         The run ends when the reaction at held load has fallen below this fraction of the peak.
-    control : "load" or "energy"
+    end_opening : float or None, > 0, dimension length
+        Under opening control, the run ends at this opening; None (default): no such limit.
+    control : "load", "energy" or "opening"
         "load": broken bonds unload the body at a held load, until none is left to break. "energy": after each batch
-        the load is scaled so that the next bond is about to break, which follows snap-backs.
+        the load is scaled so that the next bond is about to break, which follows snap-backs. "opening": after each
+        batch the load is scaled so that the next bond is about to break, or so that the opening is the largest so far
+        where it would be less: the opening never shrinks, as in a laboratory that controls it.
+    opening : str or None
+        Under opening control, the name of a probe of kind "opening".
     report_every : int, >= 1
         Batches between two rows of the history within an avalanche.
+    tooth_ratio : float or None, above 1 to 2, dimension 1
+        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
+    times, load_factors : floats or None, dimension 1
+        A way of the load over a pseudo-time, straight from (0, 0) through these: up, down and to the other side. The
+        run ends at the last; None (default): the load rises as long as it takes.
     """
 
     kind: Literal["events"]
@@ -156,8 +170,52 @@ class Events(Table):
     arrest_tolerance: float = key(1.0e-3, gt=0, lt=1, dimension="1")
     end_load_factor: float | None = key(None, gt=0, dimension="1")
     end_reaction: float = key(0.05, gt=0, lt=1, dimension="1")
-    control: Literal["load", "energy"] = key("load")
+    end_opening: float | None = key(None, gt=0, dimension="length")
+    control: Literal["load", "energy", "opening"] = key("load")
+    opening: str | None = key(None)
     report_every: int = key(10, ge=1)
+    tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
+    times: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
+    load_factors: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
+
+    @property
+    def legs(self) -> list[tuple[float, float, bool]]:
+        """Ends of the straight parts of the way: time, load factor, and whether it is one of the deck's.
+
+        A part from one side to the other is divided at 0.
+        """
+        return through_nothing(self.times, self.load_factors)
+
+    def problems(self) -> list[Problem]:
+        """What belongs together: an opening and its control, times and load factors."""
+        return [*self._problems_of_opening(), *self._problems_of_times()]
+
+    def _problems_of_times(self) -> list[Problem]:
+        """Times with load factors, where the load alone says how the program goes on and ends."""
+        if self.times is None and self.load_factors is None:
+            return []
+        if self.times is None or self.load_factors is None:
+            missing = "times" if self.times is None else "load_factors"
+            return [Problem(missing, "is missing: events take both times and load_factors, or neither. Add it.")]
+        problems = amplitude_problems(self.times, self.load_factors)
+        if self.end_load_factor is not None:
+            text = f"= {show(self.end_load_factor)} ends a load that rises, and times say how it goes. Keep one."
+            problems.append(Problem("end_load_factor", text))
+        if self.control != "load":
+            text = f"= {show(self.control)} scales the load, and times prescribe it. Use \"load\"."
+            problems.append(Problem("control", text))
+        return problems
+
+    def _problems_of_opening(self) -> list[Problem]:
+        """An opening where it is controlled, and only there."""
+        if self.control == "opening":
+            remedy = 'Give opening = "NAME", the name of a probe with kind = "opening".'
+            return [] if self.opening else [Problem("control", f'= "opening" needs to know which. {remedy}')]
+        return [
+            Problem(name, f'= {show(getattr(self, name))} goes with control = "opening". Set that, or remove it.')
+            for name in ("opening", "end_opening")
+            if getattr(self, name) is not None
+        ]
 
     @property
     def n_steps(self) -> int | None:
@@ -170,74 +228,3 @@ def _steps_by_default(value: Any) -> Any:
 
 
 Stepping = Annotated[Steps | Ramp | Events, Field(discriminator="kind"), BeforeValidator(_steps_by_default)]
-
-
-def check_failure(
-    material: Material,
-    materials: dict[str, Material],
-    interfaces: Sequence[Interface],
-    regions: Sequence[Region],
-    stepping: Any,
-) -> list[Problem]:
-    """Failure needs bonds that may break, and a program that breaks them needs failure."""
-    tables = all_materials(material, materials)
-    if not has_model(regions, "peridynamics"):
-        problems = [
-            Problem(
-                f"{where}.{'fracture_energy' if table.critical_stretch is None else 'critical_stretch'}",
-                "breaks bonds, and no region has any. Remove it, or describe a region by peridynamics.",
-            )
-            for where, table in tables.values()
-            if table.can_fail
-        ]
-        return problems or _needs_failure(stepping, "finite elements do not break. Describe a region by peridynamics.")
-    bonded = [region for region in regions if region.model == "peridynamics"]
-    breakable = any(tables[region.material][1].can_fail for region in bonded if region.material in tables)
-    if not breakable and not any(interface.can_fail for interface in interfaces):
-        return _needs_failure(
-            stepping, "nothing says when bonds break. Give material.critical_stretch or material.fracture_energy."
-        )
-    if all(region.may_fail is False for region in bonded):
-        return [
-            Problem("regions", "with peridynamics all have may_fail = false: no bond can break. Let one of them fail.")
-        ]
-    return []
-
-
-def _needs_failure(stepping: Any, reason: str) -> list[Problem]:
-    if stepping.kind == "steps":
-        return []
-    return [Problem("stepping.kind", f"= {show(stepping.kind)} follows failure, and {reason}")]
-
-
-def check_stepping_solver(stepping: Any, solver: Solver) -> list[Problem]:
-    needed = {"ramp": "adr", "events": "cg"}.get(stepping.kind, solver.kind)
-    if solver.kind == needed:
-        return []
-    return [
-        Problem(
-            "solver.kind",
-            f"= {show(solver.kind)} does not go with stepping.kind = {show(stepping.kind)}, which "
-            + ("is relaxation" if needed == "adr" else "needs a solver for equilibrium")
-            + f'. Use "{needed}".',
-        )
-    ]
-
-
-def check_something_loads(stepping: Any, loads: Sequence[Any], supports: Sequence[Support]) -> list[Problem]:
-    """Failure needs a load: a force, or a support that moves."""
-    amounts = [
-        component
-        for load in loads
-        for vector in (getattr(load, "total", None), getattr(load, "density", None), getattr(load, "traction", None))
-        for component in vector or ()
-    ] + [component for support in supports for component in (support.x, support.y, support.z)]
-    if stepping.kind == "steps" or any(amounts):
-        return []
-    return [
-        Problem(
-            "stepping.kind",
-            f"= {show(stepping.kind)} raises the load until bonds break, and nothing loads the body. "
-            "Add a table [[loads]], or a support that moves.",
-        )
-    ]

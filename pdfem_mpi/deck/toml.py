@@ -214,15 +214,25 @@ def write_deck(scene: Scene) -> str:
     for name, value in data.items():
         if get_origin(Scene.model_fields[name].annotation) is dict:
             blocks += [f"[{name}.{part}]\n{_lines(item)}" for part, item in value.items()]
-        elif isinstance(value, dict):
-            blocks.append(f"[{name}]\n{_lines(value)}")
-        elif is_table(value):
-            blocks += [f"[[{name}]]\n{_lines(item)}" for item in value]
+        else:
+            blocks += _blocks(name, value)
     return "\n".join(block for block in blocks if block)
 
 
+def _blocks(name: str, value: Any) -> list[str]:
+    """A table or a list of tables, each with the lists of tables in it behind it; nothing for other values."""
+    if not is_table(value):
+        return []
+    blocks = []
+    for item in (value,) if isinstance(value, dict) else value:
+        blocks.append((f"[{name}]\n" if isinstance(value, dict) else f"[[{name}]]\n") + _lines(item))
+        blocks += [block for part, inner in item.items() for block in _blocks(f"{name}.{part}", inner)]
+    return blocks
+
+
 def _lines(table: dict[str, Any]) -> str:
-    return "".join(f"{name} = {_toml(value)}\n" for name, value in table.items() if value not in ("", ()))
+    plain = {name: value for name, value in table.items() if not is_table(value) and value not in ("", ())}
+    return "".join(f"{name} = {_toml(value)}\n" for name, value in plain.items())
 
 
 def _toml(value: Any) -> str:

@@ -158,7 +158,7 @@ def broken_energies(pairs, strengths, n, S, finite, energies):
 
 
 @njit(**_options)
-def break_listed(wanted, row_start, row_offset, row_data, finite, pairs, strengths):
+def break_listed(wanted, row_start, row_offset, row_data, finite, pairs, strengths, found):
     """Break the listed bonds that stand in these rows.
 
     Parameters
@@ -170,6 +170,8 @@ def break_listed(wanted, row_start, row_offset, row_data, finite, pairs, strengt
     finite : bool
     pairs, strengths : int64, float32, shape (n, 2)
         Records, overwritten.
+    found : int64, shape (n,)
+        Which of the listed bonds each record is; overwritten.
 
     Returns
     -------
@@ -188,6 +190,7 @@ def break_listed(wanted, row_start, row_offset, row_data, finite, pairs, strengt
                     continue
                 slot = row * stride + j % W
                 if row_data[slot] != 0.0:
+                    found[count] = t
                     pairs[count, 0] = i
                     pairs[count, 1] = j
                     strengths[count, 0] = row_data[slot]
@@ -295,7 +298,7 @@ SIGNATURES = {
     ),
     add_energies: types.void(*_rows, _f8, types.boolean, _i8),
     broken_energies: types.void(*_records, _int, _f8, types.boolean, _f8),
-    break_listed: types.int64(types.int64[:, ::1], *_rows, types.boolean, *_records),
+    break_listed: types.int64(types.int64[:, ::1], *_rows, types.boolean, *_records, _i8),
     add_broken_blocks: types.void(*_records, _f8, types.boolean, types.float64, _i8),
     add_noise: types.void(*_rows, _i8, types.float64, _int, types.boolean),
 }

@@ -23,11 +23,12 @@ GRADIENTS = 15
 
 
 @njit(**_options)
-def add_stresses(row_start, row_offset, row_data, S, expansion, finite, quanta, sums, top):
+def add_stresses(row_start, row_offset, row_data, S, expansion, Q, material, scale, finite, quanta, sums, top):
     """Add ``f (x) y`` and the energy of every bond to both of its points; ``y`` is the bond as it is now.
 
     ``f y = 2 K phi y y`` in finite kinematics, ``K' (eta . xi) xi xi`` in linear ones: symmetric. Half of it, over the
-    point's volume, is its share of Kirchhoff's stress, which is the stress itself where strains are small.
+    point's volume, is its share of Kirchhoff's stress, which is the stress itself where strains are small. A volumetric
+    part adds what the two points have in common (`volumetric_sweeps`) to the force; its energy is the points' own.
 
     Parameters
     ----------
@@ -37,6 +38,8 @@ def add_stresses(row_start, row_offset, row_data, S, expansion, finite, quanta, 
         The point table of the sweeps.
     expansion : float64, shape (n_clusters * 4,) or (0,), dimension 1
         Thermal strain of the points: a bond is stretched by what is beyond the mean of its ends. Linear kinematics.
+    Q, material, scale
+        As in `volumetric_sweeps`; without a volumetric part ``Q`` is empty.
     finite : bool
     quanta : float64, shape (2,), dimension force length
         Powers of two, of the stress and of the energy; 0 to measure only.
@@ -65,18 +68,25 @@ def add_stresses(row_start, row_offset, row_data, S, expansion, finite, quanta, 
                 gy = S[b + 4 * W] - S[own + 4 * W]
                 gz = S[b + 5 * W] - S[own + 5 * W]
                 work = dx * gx + dy * gy + dz * gz
+                other = first // (9 * W)
+                common = 0.0
+                if Q.size:
+                    common = Q[i] + Q[W * other + lane]
+                    if scale.shape[0] > 1:
+                        common *= scale[material[c], material[other]]
                 if finite:
                     e = work * np.float64(row_data[row * stride + W + lane])
                     square = max(1.0 + e, SMALLEST_SQUARE)
                     length = math.sqrt(square)
-                    strength = 0.5 * k * (max(e, SMALLEST_SQUARE - 1.0) / (square + length))
+                    phi = max(e, SMALLEST_SQUARE - 1.0) / (square + length)
+                    strength = 0.5 * k * (phi + (1.0 - phi) * common)
                     gx, gy, gz = gx + dx, gy + dy, gz + dz
                     terms[6] = k * e * work / ((1.0 + length) * (1.0 + length))
                 else:
+                    square = gx * gx + gy * gy + gz * gz
                     if expansion.size:
-                        theta = 0.5 * (expansion[i] + expansion[W * (first // (9 * W)) + lane])
-                        work -= theta * (gx * gx + gy * gy + gz * gz)
-                    strength = k * work
+                        work -= 0.5 * (expansion[i] + expansion[W * other + lane]) * square
+                    strength = k * (work + common * square)
                     terms[6] = 0.5 * k * work * work
                 terms[0], terms[1], terms[2] = strength * gx * gx, strength * gy * gy, strength * gz * gz
                 terms[3], terms[4], terms[5] = strength * gx * gy, strength * gy * gz, strength * gz * gx
@@ -86,7 +96,7 @@ def add_stresses(row_start, row_offset, row_data, S, expansion, finite, quanta, 
                     top[1] = max(top[1], abs(terms[6]))
                     continue
                 own_place = STRESSES * W * c + (i - c * W)
-                place = STRESSES * W * (first // (9 * W)) + lane
+                place = STRESSES * W * other + lane
                 for t in range(STRESSES):
                     term = np.int64(np.rint(terms[t] * (of_stress if t < 6 else of_energy)))
                     sums[own_place + W * t] += term
@@ -94,8 +104,8 @@ def add_stresses(row_start, row_offset, row_data, S, expansion, finite, quanta, 
 
 
 @njit(**_options)
-def add_thermal_forces(row_start, row_offset, row_data, x, expansion, quanta, sums, top):
-    """Add ``-K' theta |xi|^2 xi`` of every bond to its point i and take it from j: linear kinematics.
+def add_thermal_forces(row_start, row_offset, row_data, x, expansion, Q, material, scale, quanta, sums, top):
+    """Add ``-K' |xi|^2 (theta + Q_i + Q_j) xi`` of every bond to its point i and take it from j: linear kinematics.
 
     Parameters
     ----------
@@ -105,6 +115,8 @@ def add_thermal_forces(row_start, row_offset, row_data, x, expansion, quanta, su
         Positions in cluster layout.
     expansion : float64, shape (n_clusters * 4,), dimension 1
         Thermal strain of the points; ``theta`` is the mean of a bond's ends.
+    Q, material, scale
+        As in `volumetric_sweeps`, of dilatations by the thermal strain; without a volumetric part ``Q`` is empty.
     quanta : float64, shape (2,), dimension force
         The first is a power of two; 0 to measure only.
     sums : int64, shape (n_clusters * 12,)
@@ -128,7 +140,13 @@ def add_thermal_forces(row_start, row_offset, row_data, x, expansion, quanta, su
                 for d in range(3):
                     xi[d] = x[place + W * d] - x[own + W * d]
                     square += xi[d] * xi[d]
-                strength *= 0.5 * (expansion[i] + expansion[W * other + lane]) * square
+                strain = 0.5 * (expansion[i] + expansion[W * other + lane])
+                if Q.size:
+                    common = Q[i] + Q[W * other + lane]
+                    if scale.shape[0] > 1:
+                        common *= scale[material[i // W], material[other]]
+                    strain += common
+                strength *= strain * square
                 for d in range(3):
                     if measuring:
                         top[0] = max(top[0], abs(strength * xi[d]))
@@ -136,6 +154,37 @@ def add_thermal_forces(row_start, row_offset, row_data, x, expansion, quanta, su
                     term = np.int64(np.rint(strength * xi[d] * inverse))
                     sums[own + W * d] -= term
                     sums[place + W * d] += term
+
+
+@njit(**_options)
+def add_thermal_dilatations(row_start, row_offset, row_data, x, expansion, material, scale, quanta, sums, top):
+    """Add ``s K' theta |xi|^4`` of every bond to both of its points: the terms ``s k e`` of `dilatation_sweeps`.
+
+    Parameters are those of `add_thermal_forces`; ``sums`` has the shape (n_clusters * 4,).
+    """
+    measuring = quanta[0] == 0.0
+    inverse = 0.0 if measuring else 1.0 / quanta[0]
+    for i in range(row_start.size - 1):
+        own = 3 * W * (i // W) + i % W
+        for row in range(row_start[i], row_start[i + 1]):
+            other = np.int64(row_offset[row]) // (9 * W)
+            for lane in range(W):
+                strength = np.float64(row_data[row * W + lane])
+                if strength == 0.0:
+                    continue
+                square = 0.0
+                for d in range(3):
+                    along = x[3 * W * other + lane + W * d] - x[own + W * d]
+                    square += along * along
+                strength *= 0.5 * (expansion[i] + expansion[W * other + lane]) * square * square
+                if scale.shape[0] > 1:
+                    strength *= scale[material[i // W], material[other]]
+                if measuring:
+                    top[0] = max(top[0], abs(strength))
+                    continue
+                term = np.int64(np.rint(strength * inverse))
+                sums[i] += term
+                sums[W * other + lane] += term
 
 
 @njit(**_options)
@@ -203,8 +252,10 @@ def add_gradients(row_start, row_offset, row_data, S, x, volume, cell_number, fi
 
 _f8, _i8 = types.float64[::1], types.int64[::1]
 _rows = _i8, types.uint32[::1], types.float32[::1]
+_of_materials = types.int16[::1], types.float64[:, ::1]
 SIGNATURES = {
-    add_stresses: types.void(*_rows, _f8, _f8, types.boolean, _f8, _i8, _f8),
-    add_thermal_forces: types.void(*_rows, _f8, _f8, _f8, _i8, _f8),
+    add_stresses: types.void(*_rows, _f8, _f8, _f8, *_of_materials, types.boolean, _f8, _i8, _f8),
+    add_thermal_forces: types.void(*_rows, _f8, _f8, _f8, *_of_materials, _f8, _i8, _f8),
+    add_thermal_dilatations: types.void(*_rows, _f8, _f8, *_of_materials, _f8, _i8, _f8),
     add_gradients: types.void(*_rows, _f8, _f8, _f8, _i8, types.boolean, _f8, _i8, _f8),
 }

@@ -11,12 +11,17 @@ _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "
 
 
 @njit(**_options)
-def add_pair(i, j, cell_number, x, volume, quantum, sums):
-    """Add the weights of one bond to its local points ``i`` and ``j``; the rest as of `add_bond_weights`."""
+def _weight(i, j, x):
     r2 = 0.0
     for d in range(3):
         r2 += (x[12 * (j // W) + W * d + j % W] - x[12 * (i // W) + W * d + i % W]) ** 2
-    weight = math.exp(-r2) / quantum
+    return math.exp(-r2)
+
+
+@njit(**_options)
+def add_pair(i, j, cell_number, x, volume, quantum, sums):
+    """Add the weights of one bond to its local points ``i`` and ``j``; the rest as of `add_bond_weights`."""
+    weight = _weight(i, j, x) / quantum
     sums[i] += np.int64(np.rint(weight * volume[j]))
     if cell_number[j // (2 * W)] != cell_number[i // (2 * W)] or (j - i) % (2 * W):
         sums[j] += np.int64(np.rint(weight * volume[i]))
@@ -67,9 +72,21 @@ def add_listed_weights(pairs, cell_number, x, volume, quantum, sums):
         add_pair(pairs[t, 0], pairs[t, 1], cell_number, x, volume, quantum, sums)
 
 
+@njit(**_options)
+def add_shared_weights(pairs, share, cell_number, x, volume, quantum, sums):
+    """Add a share, float64, shape (n,), of the weights of listed bonds, as `add_listed_weights` adds them all."""
+    for t in range(pairs.shape[0]):
+        i, j = pairs[t, 0], pairs[t, 1]
+        weight = share[t] * (_weight(i, j, x) / quantum)
+        sums[i] += np.int64(np.rint(weight * volume[j]))
+        if cell_number[j // (2 * W)] != cell_number[i // (2 * W)] or (j - i) % (2 * W):
+            sums[j] += np.int64(np.rint(weight * volume[i]))
+
+
 _f8, _i8, _int = types.float64[::1], types.int64[::1], types.int64
 SIGNATURES = {
     add_pair: types.void(_int, _int, _i8, _f8, _f8, types.float64, _i8),
+    add_shared_weights: types.void(types.int64[:, ::1], _f8, _i8, _f8, _f8, types.float64, _i8),
     add_listed_weights: types.void(types.int64[:, ::1], _i8, _f8, _f8, types.float64, _i8),
     add_bond_weights: types.void(
         _i8, types.uint32[::1], types.float32[::1], types.int64, _i8, _f8, _f8, types.float64, _i8

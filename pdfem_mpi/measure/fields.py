@@ -16,7 +16,7 @@ from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.thermal import Thermal
 from pdfem_mpi.parallel.slabs import gather_rows, gather_slabs
-from pdfem_mpi.peridynamics.damage import Remaining, local_damage
+from pdfem_mpi.peridynamics.damage import Remaining, local_damage, softened_and_gone
 from pdfem_mpi.peridynamics.failure import Failure
 
 if TYPE_CHECKING:
@@ -115,7 +115,11 @@ def gather_forces(share: Share, model: Model, force: np.ndarray) -> NodalForces 
 
 
 def gather_damage(
-    share: Share, model: Model, remaining: Remaining | None = None, failure: Failure | None = None
+    share: Share,
+    model: Model,
+    remaining: Remaining | None = None,
+    failure: Failure | None = None,
+    parts: bool = False,
 ) -> np.ndarray | None:
     """Local damage (eq. 5) of all points in global order; None except on rank 0, or if not asked for. Collective.
 
@@ -124,11 +128,13 @@ def gather_damage(
     remaining : Remaining, optional
         Of the calls before: without it all bonds are swept.
     failure : Failure, optional
-        Whose books tell ``remaining`` which bonds broke since; without it none did.
+        Its books say which bonds broke since the last call; without it none did.
+    parts : bool
+        Where bonds soften, also the shares of those that have softened, and that are gone.
 
     Returns
     -------
-    float64, shape (n_points,), dimension 1
+    float64, shape (n_points,) or, with parts, (n_points, 3), dimension 1
     """
     if model.intact_weights is None:
         return None
@@ -137,8 +143,13 @@ def gather_damage(
     if remaining is not None:
         now = remaining.without(*body, failure.take_pairs() if failure else np.empty((0, 2), np.int64))
     rows = local_damage(*body, model.intact_weights, now)
+    parts = parts and model.bonds.softened is not None
+    if parts:
+        rows = np.concatenate([rows[:, :, None], softened_and_gone(*body, model.intact_weights, now)], axis=2)
     gathered = gather_rows(model.comm, share.own_point_rows, rows, share.counts.point_cells)
-    return None if gathered is None else gathered.reshape(-1)
+    if gathered is None:
+        return None
+    return gathered.reshape(-1, 3) if parts else gathered.reshape(-1)
 
 
 def fields_sha256(fields: Fields) -> str:

@@ -61,9 +61,9 @@ def mechanics_of_bonds(share: Share, forces: Forces, thermal: Thermal | None = N
     if not model.points:
         return None
     points, bonds = model.points, model.bonds
-    body = model.comm, points, bonds, forces.of_bonds.S
-    stress, energy = bond_stresses(*body, thermal and thermal.of_points)
-    gradient = displacement_gradients(*body)
+    held = (thermal.of_points, thermal.common) if thermal else ()
+    stress, energy = bond_stresses(model.comm, forces.of_bonds, *held)
+    gradient = displacement_gradients(model.comm, points, bonds, forces.of_bonds.S)
     strain = strain_of(gradient, model.finite)
     if model.finite:
         ratio = determinants(np.eye(3) + gradient)

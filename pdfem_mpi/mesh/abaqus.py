@@ -198,11 +198,11 @@ def read_abaqus(content: bytes) -> RawMesh:
         raw.notes.append(f"{again} nodes are there twice, with the same number at the same place")
     reader.sets.resolve(raw, numbers, of_elements, reader.instance or reader.part or "")
     find_surfaces(raw, reader.surfaces, reader.sets)
-    _tell(raw, reader)
+    _note(raw, reader)
     return raw
 
 
-def _tell(raw: RawMesh, reader: _Reader) -> None:
+def _note(raw: RawMesh, reader: _Reader) -> None:
     extra = len(reader.nodes.of("assembly")[0])
     if extra:
         raw.notes.append(f"left out {extra} nodes of the assembly, such as reference points")

@@ -191,7 +191,7 @@ def _add_groups(raw: RawMesh, found: _Content) -> None:
                 sets[k] = np.union1d(sets[k], own)
         for tag in np.unique(row.geometry).tolist():
             geometry.setdefault(tag, list(nothing))[k] = np.flatnonzero(row.geometry == tag)
-    for key in found.names:  # groups that the file names and gives no element: empty, which a deck is told
+    for key in found.names:  # a group without elements is empty, and a deck that names it is refused
         members.setdefault(key, list(nothing))
     for (dimension, tag), sets in members.items():
         name = found.names.get((dimension, tag))

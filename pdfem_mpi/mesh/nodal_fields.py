@@ -12,9 +12,7 @@ from pdfem_mpi.mesh.raw import Refusal
 from pdfem_mpi.mesh.vtk_xml import read_point_field
 
 
-def read_nodal_field(
-    nodes: np.ndarray, tolerance: float, where: str, path: str, name: str, scale: float
-) -> np.ndarray:
+def read_nodal_field(nodes: np.ndarray, tolerance: float, where: str, path: str, name: str, scale: float) -> np.ndarray:
     """The field's value at each node of the mesh, float64, shape (n_nodes,).
 
     Parameters

@@ -36,7 +36,7 @@ READERS = {"gmsh": read_gmsh, "abaqus": read_abaqus, "vtu": read_vtu, "vtk": rea
 MAKE_SETS = ("quad", "line", "vertex")
 #: Coordinates beyond this have no squares and cubes in double precision.
 LARGEST_COORDINATE = 1e50
-#: First bytes that are read to tell the format.
+#: First bytes that are read to recognise the format.
 HEAD = 4096
 #: Names that a note lists.
 LISTED = 6
@@ -53,7 +53,7 @@ def read_mesh(entry: FileMesh) -> MeshFile:
     """Read the file of a deck's ``[mesh]`` table.
 
     Nodes that no hexahedron has are left out, and what else was left out by intention is in the mesh's notes. What is
-    wrong with the hexahedra themselves is told by ``defects.py``.
+    wrong with the hexahedra themselves is found by ``defects.py``.
 
     Raises
     ------

@@ -9,6 +9,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE, critical_stretches, point_classes
 from pdfem_mpi.peridynamics.failure import RECORDS, Failure
+from pdfem_mpi.peridynamics.softening_failure import SofteningFailure
 
 #: Fitted bonds up to this fraction of the mean edge of the cells with bonds set no load: where strains vary, the
 #: distance of the nearest points reads up to a third too much (docs/failure_criterion.md).
@@ -25,11 +26,13 @@ def make_failure(scene: Scene, share: Share, model: Model) -> Failure | None:
     cells = share.subdomain.point_cells
     room = max(RECORDS, model.bonds.most_slots)
     fitted = model.body_fit is not None and model.body_fit.fit is not None
-    return Failure(
+    kind, more = (SofteningFailure, {"softened": model.bonds.softened}) if model.bonds.softened else (Failure, {})
+    return kind(
         class_of=np.repeat(point_classes(scene, share)[cells].astype(np.uint8), 2),
         stretch=stretch,
         pairs=np.empty((room, 2), np.int64),
         strengths=np.empty((room, 2), np.float32),
         counter=np.zeros(1, np.int64),
         nearest=TOO_NEAR * share.average_edge(share.has_points) / share.units.length if fitted else 0.0,
+        **more,
     )

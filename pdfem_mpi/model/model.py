@@ -25,6 +25,7 @@ from pdfem_mpi.peridynamics.fit.fit import BodyFit
 from pdfem_mpi.peridynamics.fracture_energy import energy_of_own_bonds
 from pdfem_mpi.peridynamics.making_bonds import bonds_of_scene
 from pdfem_mpi.peridynamics.points import Points, make_points
+from pdfem_mpi.peridynamics.softened import in_their_rows
 from pdfem_mpi.peridynamics.stable_masses import relaxes
 from pdfem_mpi.peridynamics.uneven import CONVERGED, most_uneven_point
 from pdfem_mpi.peridynamics.volumetric import Moment
@@ -178,10 +179,12 @@ def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, .
 def with_stable_masses(model: Model) -> Model:
     """The same model with masses for relaxation, as its bonds are now. Collective.
 
-    They depend on nothing but the surviving bonds, so that a run that goes on from a checkpoint finds the same.
+    They depend on nothing but the surviving bonds, softened ones as if they were intact, so that a run that goes on
+    from a checkpoint finds the same.
     """
     parts = model.points, model.bonds, model.nodes, model.elements, model.overlap
-    mass, raised = make_masses(model.comm, *parts, True)
+    with in_their_rows(model.bonds):
+        mass, raised = make_masses(model.comm, *parts, True)
     return replace(model, mass=mass, raised_masses=raised)
 
 

@@ -20,7 +20,7 @@ from pdfem_mpi.finite_elements.thermal_forces import element_forces
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.peridynamics.clusters import cluster_layout
-from pdfem_mpi.peridynamics.thermal_bonds import thermal_bond_forces
+from pdfem_mpi.peridynamics.thermal_bonds import thermal_bond_forces, thermal_dilatations
 
 
 @dataclass(frozen=True)
@@ -33,17 +33,21 @@ class Thermal:
         What the strain adds to the loads, held unknowns included.
     of_points : float64, shape (n_clusters * 4,), dimension 1
         ``alpha dT`` of the local points, ghosts and images included; empty without points.
+    common : float64, shape (n_clusters * 4,), dimension 1
+        What the strain gives the bonds of a point in common; empty without a volumetric part.
     of_cells : float64, shape (n, 8), dimension 1
         The same of the rank's own cells with elements or overlap, in the order of the mesh.
     """
 
     forces: np.ndarray
     of_points: np.ndarray
+    common: np.ndarray
     of_cells: np.ndarray
 
     def at(self, load_factor: float) -> Thermal:
         """The same at another load factor."""
-        return Thermal(*(load_factor * array for array in (self.forces, self.of_points, self.of_cells)))
+        arrays = self.forces, self.of_points, self.common, self.of_cells
+        return Thermal(*(load_factor * array for array in arrays))
 
 
 def make_thermal(scene: Scene, share: Share, model: Model) -> Thermal | None:
@@ -51,10 +55,12 @@ def make_thermal(scene: Scene, share: Share, model: Model) -> Thermal | None:
     strains_of = thermal_strains(scene, share)
     if strains_of is None:
         return None
-    forces, of_points, contributions = np.zeros(model.n_unknowns), np.empty(0), []
+    forces, of_points, common, contributions = np.zeros(model.n_unknowns), np.empty(0), np.empty(0), []
     if model.points:
         of_points = np.ascontiguousarray(strains_of(share.subdomain.point_cells)).reshape(-1)
-        on_points = thermal_bond_forces(model.comm, model.points, model.bonds, of_points)
+        body = model.comm, model.points, model.bonds, of_points
+        common = thermal_dilatations(*body)
+        on_points = thermal_bond_forces(*body, common)
         model.unknowns.of_points(forces)[:] = cluster_layout(on_points[: model.points.n_free])
         if model.overlap:  # lumped on the nodes, eq. (26)
             on_overlap, lumped = on_points[model.points.n_free :], np.zeros((len(share.subdomain.overlap), 8, 3))
@@ -69,4 +75,4 @@ def make_thermal(scene: Scene, share: Share, model: Model) -> Thermal | None:
         contributions.append((local, element_forces(share.nodes[nodes], *moduli, strains_of(cells))))
     if model.nodes:
         model.unknowns.of_nodes(forces)[:] = assemble(model.comm, model.nodes, contributions, 3)
-    return Thermal(forces, of_points, strains_of(np.union1d(share.subdomain.elements, share.subdomain.overlap)))
+    return Thermal(forces, of_points, common, strains_of(np.union1d(share.subdomain.elements, share.subdomain.overlap)))

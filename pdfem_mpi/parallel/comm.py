@@ -128,7 +128,7 @@ def largest(comm: Intracomm, values: Array) -> Array:
     """
     own = np.asarray(values, dtype=np.float64)
     is_nan = np.isnan(own)
-    # MAX would leave it to the order of ranks what becomes of NaN and of -0
+    # with MAX alone the result for NaN and for -0 would depend on the order of the ranks
     both = np.stack([np.where(is_nan, -np.inf, own) + 0.0, is_nan])
     result = np.empty_like(both)
     began = perf_counter()

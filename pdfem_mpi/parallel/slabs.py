@@ -51,7 +51,7 @@ def gather_rows(comm: Intracomm, global_ids: Array, rows: Array, n_global: int) 
 def gather_slabs(comm: Intracomm, global_ids: Array, rows: Array, n_global: int) -> Iterator[tuple[int, Array | None]]:
     """Collect rows on rank 0 as `gather_rows` does, a slab of global ids at a time. Collective at every turn.
 
-    All ranks must come to the end: what the rank that writes the slabs cannot do is told after it.
+    All ranks must come to the end: an error of the rank that writes the slabs is raised after it.
 
     Yields
     ------
@@ -144,12 +144,12 @@ def gather_pairs(comm: Intracomm, pairs: Array, n_global: int) -> Iterator[Array
 
     Parameters
     ----------
-    pairs : int64, shape (n, 2)
-        In any order; the first id of each is in ``0 .. n_global - 1``.
+    pairs : int64, shape (n, 2 or more)
+        In any order; the first id of each is in ``0 .. n_global - 1``. Further columns go with them.
 
     Yields
     ------
-    int64, shape (m, 2); None except on rank 0
+    int64, shape (m, 2 or more); None except on rank 0
         Ranges without a pair are left out.
     """
     if not sum_integers(comm, np.array([len(pairs)]))[0]:
@@ -161,7 +161,7 @@ def gather_pairs(comm: Intracomm, pairs: Array, n_global: int) -> Iterator[Array
     counts = comm.gather(numbers) or [np.zeros(len(numbers), int)]
     for slab in np.flatnonzero(total):
         n_rows = np.array([count[slab] for count in counts])
-        found = np.empty((total[slab] if comm.rank == 0 else 0, 2), np.int64)
-        comm.Gatherv(own[edges[slab] : edges[slab + 1]], [found, 2 * n_rows])
+        found = np.empty((total[slab] if comm.rank == 0 else 0, own.shape[1]), np.int64)
+        comm.Gatherv(own[edges[slab] : edges[slab + 1]], [found, own.shape[1] * n_rows])
         report_progress()
         yield found[np.lexsort((found[:, 1], found[:, 0]))] if comm.rank == 0 else None

@@ -1,9 +1,9 @@
-"""When a run pauses: to keep a checkpoint, or to stop with one. Decided by all ranks alike, at safe points only.
+"""When a run writes a checkpoint, and when it stops with one. Decided by all ranks alike, at safe points only.
 
 A signal sets a flag and nothing else. Flags of all ranks, and what rank 0's clock says, travel as two more
 integers in a reduction that the solvers make anyway: all ranks read the same sums and decide alike. A safe point is
 where the state is whole: between load steps, and in relaxation after each step of central differences. No clock
-decides a number of the results, only when a file is written; and it is one that nobody can set back.
+decides a number of the results, only when a file is written; the clock is one that cannot be set back.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ class Stopped(Exception):
 
 
 class NoStopRequests:
-    """Nobody asks for anything: for solvers that are called without a run around them."""
+    """Never a stop or a checkpoint: for solvers that are called without a run around them."""
 
     def votes(self) -> tuple[int, int]:
-        """Nothing is wished."""
+        """No votes."""
         return 0, 0
 
     def act(self, votes: Any, state: Any) -> None:

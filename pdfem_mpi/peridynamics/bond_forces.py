@@ -75,6 +75,8 @@ class BondForces:
         yield "bonds", partial(self._sweep, self.bonds.interior, failure, margin, met, self.points.halo)
         yield "exchange", self.finish_forward
         yield "bonds", partial(self._sweep, self.bonds.boundary, failure, margin, met)
+        if self.bonds.softened:
+            yield "bonds", partial(add_softened, self, failure, margin, met)
         yield "exchange", self.start_reverse
 
     @property
@@ -91,11 +93,11 @@ class BondForces:
     def start(self, u: np.ndarray, bound: float) -> float:
         """Take the displacements of the free points, in cluster layout, and clear the forces; the quantum of these."""
         points, flat = self.points, self.S.reshape(-1)
-        quantum, self.pattern = pattern_for(self.force_bound(bound))
+        self.quantum, self.pattern = pattern_for(self.force_bound(bound))
         self.series = self.series if self.tangent else self.bonds.finite and bound <= bond_response.SERIES_LIMIT
         point_table.load_displacements(u, points.x, flat, 2 * points.n_free, self._has_z)
         point_table.reset_forces(self.SI.reshape(-1), self.excess, integer_bits(self.pattern))
-        return quantum
+        return self.quantum
 
     def complete_overlap(self) -> None:
         """Follow the displacements of the overlap's points, which have just been written."""
@@ -141,6 +143,13 @@ class BondForces:
         """Add the strain energy at the displacements of the last evaluation to an exact sum."""
         for rows in self.bonds.rows:
             add_energies(*rows.arrays, self.S.reshape(-1), self.bonds.finite, digits)
+        if self.bonds.softened:
+            self.bonds.softened.add_energies(self.S.reshape(-1), digits)
+
+    def beyond_stretch(self, held: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray | float]:
+        """For `virial`: what the forces of a point's bonds have in common, less what a thermal strain gives them
+        (``held``, shape (n_clusters * 4,), or empty), and the energy density that is the point's own."""
+        return (np.empty(0), np.empty(0, np.int16), np.ones((1, 1))), 0.0
 
     def displacements(self) -> np.ndarray:
         """Those of the owned points at the last evaluation, shape (n_owned * 8, 3), dimension length."""
@@ -157,15 +166,9 @@ class BondForces:
         else:
             sweep = bond_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None]
             self.swept.add(bond_sweeps.NAMES[sweep])
-            shared += self._failing(failure, margin)
+            shared += for_breaking(self.bonds, failure, margin)
         self._call(sweep, len(rows.start) - 1, shared, failure, halo)
         met[0] = max(met[0], extremes[0], -extremes[1])
-
-    def _failing(self, failure: Failure | None, margin: float) -> tuple:
-        """What sweeps that may break bonds take besides."""
-        if failure is None:
-            return NOTHING_FAILS
-        return failure.class_of, *failure.limits(self.bonds.finite, margin), *failure.records
 
     def _call(self, sweep: Callable, n_points: int, shared: tuple, failure=None, halo=None) -> None:
         """Call a sweep over all points in pieces, book what broke in each, and let messages progress."""
@@ -179,9 +182,26 @@ class BondForces:
                 halo.test()
 
 
+def add_softened(forces: BondForces, failure: Failure | None, margin: float, met: np.ndarray) -> None:
+    """Add the forces of bonds that have softened, once those that go on in this sweep have done so."""
+    softened = forces.bonds.softened
+    if failure:
+        failure.advance(forces.points, forces.S, margin)
+    forces.swept.add("tangent, softened" if forces.tangent else "softened")
+    add = softened.add_tangent if forces.tangent else softened.add_forces
+    met[0] = max(met[0], add(forces.S.reshape(-1), forces.SI.reshape(-1), forces.quantum))
+
+
 def pages(shape: tuple[int, ...]) -> np.ndarray:
     """Zeros on a page boundary, float64."""
     size = 8 * int(np.prod(shape))
     raw = np.zeros(size + 4096, np.uint8)
     start = -raw.ctypes.data % 4096
     return raw[start : start + size].view(np.float64).reshape(shape)
+
+
+def for_breaking(bonds: Bonds, failure: Failure | None, margin: float) -> tuple:
+    """What sweeps that may break bonds take besides."""
+    if failure is None:
+        return NOTHING_FAILS
+    return failure.class_of, *failure.limits(bonds.finite, margin), *failure.records

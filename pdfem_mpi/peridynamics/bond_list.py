@@ -24,7 +24,8 @@ class BondList:
     start, vector : float64, shape (n, 3), dimension length
         Reference position of the first point, and from there to the second.
     stiffness : float64, shape (n,), dimension force length
-        A bond of stretch s holds the energy ``stiffness s^2 / 2``.
+        A bond of stretch s holds the energy ``stiffness s^2 / 2``. What a Poisson's ratio other than 1/4 adds at the
+        points is not in it.
     stretch : float64, shape (n,), dimension 1
         At the displacements of the last evaluation.
     """

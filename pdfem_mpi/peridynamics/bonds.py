@@ -16,6 +16,7 @@ from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.images import MAGNITUDES, Parity, halo_for
 from pdfem_mpi.peridynamics.points import Points, sums_table
 from pdfem_mpi.peridynamics.rows import Rows
+from pdfem_mpi.peridynamics.softened import SoftenedBonds
 from pdfem_mpi.peridynamics.volumetric import Volumetric, stiffening
 
 #: Response constant ``c = 9 k / (pi l^4)`` (eq. 2) per Young's modulus in model units, where
@@ -47,6 +48,8 @@ class Bonds:
         Largest half of that over the bond's length, on all ranks.
     volumetric : Volumetric or None
         What Poisson's ratio asks for beside the bonds; None where it is 1/4.
+    softened : SoftenedBonds or None
+        Bonds that left the rows and are not gone; None where none can soften.
     """
 
     interior: Rows
@@ -59,6 +62,7 @@ class Bonds:
     strongest: float
     stiffest: float
     volumetric: Volumetric | None = None
+    softened: SoftenedBonds | None = None
 
     @property
     def added(self) -> np.ndarray:
@@ -116,6 +120,8 @@ class Bonds:
         """Join the points of every bond in a forest, int64 (n_points,), and count the bonds of each point."""
         for rows in self.rows:
             join_bonds(*rows.arrays, self._stride, parent, bonded)
+        if self.softened:
+            self.softened.join(parent, bonded)
 
     def planes_crossed(self, points: Points) -> np.ndarray:
         """How many bonds of each owned point cross a mirror plane normal to x, y, z. Collective.
@@ -124,19 +130,7 @@ class Bonds:
         -------
         int64, shape (n_owned * 8, 3)
         """
-        images, rows = points.images, self.boundary
-        n_real = len(points.cell_number) - len(images.source)
-        table = np.zeros((len(points.cell_number), 2, 3, W), np.int64)
-        cluster = rows.offset[:-1].astype(np.int64) // (9 * W)
-        row = np.flatnonzero(cluster // 2 >= n_real)
-        slot, lane = np.nonzero(rows.data.reshape(-1, self._stride)[row, :W])
-        row = row[slot]
-        axes = ((images.sign < 0.0) | (images.shift != 0.0))[cluster[row] // 2 - n_real]
-        own = np.searchsorted(rows.start, row, side="right") - 1
-        for c, k in ((own // W, own % W), (cluster[row], lane)):
-            np.add.at(table, (c // 2, c % 2, slice(None), k), axes)
-        halo_for(points.halo, MAGNITUDES).scatter_reverse(table)
-        return table[: points.n_owned].swapaxes(2, 3).reshape(-1, 3)
+        return planes_crossed(self, points)
 
     def storage(self) -> dict[str, tuple[np.ndarray, ...]]:
         """The arrays that hold the bonds: which there are, and their stored numbers."""
@@ -190,3 +184,29 @@ def count_by_material(comm, bonds: Bonds) -> np.ndarray:
 def total_bonds(comm, bonds: Bonds | None) -> int:
     """Undirected bonds of the whole body. Collective."""
     return int(sum_integers(comm, np.array([bonds.count if bonds else 0]))[0])
+
+
+def planes_crossed(bonds: Bonds, points: Points) -> np.ndarray:
+    """`Bonds.planes_crossed`. Collective."""
+    images, n_real = points.images, len(points.cell_number) - len(points.images.source)
+    table = np.zeros((len(points.cell_number), 2, 3, W), np.int64)
+    for i, j in _to_images(bonds, n_real):
+        axes = ((images.sign < 0.0) | (images.shift != 0.0))[j // (2 * W) - n_real]
+        for point in (i, j):
+            cluster = point // W
+            np.add.at(table, (cluster // 2, cluster % 2, slice(None), point % W), axes)
+    halo_for(points.halo, MAGNITUDES).scatter_reverse(table)
+    return table[: points.n_owned].swapaxes(2, 3).reshape(-1, 3)
+
+
+def _to_images(bonds: Bonds, n_real: int):
+    """Local points of the bonds to images, whose cells begin at ``n_real``: those in the rows, and softened ones."""
+    rows = bonds.boundary
+    cluster = rows.offset[:-1].astype(np.int64) // (9 * W)
+    row = np.flatnonzero(cluster // 2 >= n_real)
+    slot, lane = np.nonzero(rows.data.reshape(-1, bonds._stride)[row, :W])
+    row = row[slot]
+    yield np.searchsorted(rows.start, row, side="right") - 1, W * cluster[row] + lane
+    if bonds.softened:
+        pairs = bonds.softened.pairs[: bonds.softened.n]
+        yield pairs[pairs[:, 1] // (2 * W) >= n_real].T

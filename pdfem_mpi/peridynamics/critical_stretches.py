@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from pdfem_mpi.body.materials import bond_stretches
 from pdfem_mpi.body.share import Share
+from pdfem_mpi.body.softening import BondLaw, first_stretches, laws_of_bonds
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
@@ -30,9 +32,35 @@ def point_classes(scene: Scene, share: Share) -> np.ndarray:
 
 
 def critical_stretches(scene: Scene, share: Share) -> np.ndarray:
-    """Critical stretch of the bonds between points of two classes, float64, shape (n_classes, n_classes)."""
-    cutoff_ratio = share.cutoff / (1.0 + CUTOFF_GUARD)
-    of_materials = bond_stretches(scene, share.units.length, cutoff_ratio)
+    """Critical stretch of the bonds between points of two classes, float64, shape (n_classes, n_classes).
+
+    Of bonds that soften it is the stretch at which they begin to.
+    """
+    of_materials = first_stretches(scene, share.units.length, share.cutoff / (1.0 + CUTOFF_GUARD))
+    material, breaks = _by_class(scene, share)
+    stretches = np.where(of_materials < UNBREAKABLE, share.units.numbers(of_materials), UNBREAKABLE)
+    critical = stretches[material[:, None], material]
+    return np.where(breaks, critical, UNBREAKABLE)
+
+
+def bond_laws(scene: Scene, share: Share) -> tuple[list[BondLaw], np.ndarray]:
+    """Laws of a scene with bonds that soften, and which of them holds between points of two classes.
+
+    Returns
+    -------
+    laws : list of BondLaw
+    which : int64, shape (n_classes, n_classes)
+        Of bonds that do not break, any.
+    """
+    laws, which = laws_of_bonds(scene, share.units.length, share.cutoff / (1.0 + CUTOFF_GUARD))
+    material, breaks = _by_class(scene, share)
+    limits = [replace(law.teeth, limit=share.units.numbers(law.teeth.limit)) for law in laws]
+    laws = [replace(law, teeth=teeth) for law, teeth in zip(laws, limits, strict=True)]
+    return laws, np.where(breaks, which[material[:, None], material], 0)
+
+
+def _by_class(scene: Scene, share: Share) -> tuple[np.ndarray, np.ndarray]:
+    """Material of each class, and whether bonds between two classes may break."""
     regions = [*scene.regions, *(scene.regions[k] for k in share.joint_regions)]
     if len(regions) > MOST_CLASSES:
         raise SceneError([
@@ -44,10 +72,7 @@ def critical_stretches(scene: Scene, share: Share) -> np.ndarray:
     # All points of element regions follow nodes; a deck that says so lets bonds between them break.
     follows = np.array([k >= len(scene.regions) or r.model != "peridynamics" for k, r in enumerate(regions)])
     allowed = ~follows | np.array([lets_overlap_fail(region) for region in regions])
-    stretches = np.where(of_materials < UNBREAKABLE, share.units.numbers(of_materials), UNBREAKABLE)
-    critical = stretches[material[:, None], material]
-    breaks = may[:, None] & may & (~(follows[:, None] & follows) | (allowed[:, None] & allowed))
-    return np.where(breaks, critical, UNBREAKABLE)
+    return material, may[:, None] & may & (~(follows[:, None] & follows) | (allowed[:, None] & allowed))
 
 
 def lets_overlap_fail(region: Region) -> bool:

@@ -13,7 +13,7 @@ free point hangs on the elements, and without them it parts from these.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -120,16 +120,18 @@ class Failure:
         self._enter(points, pairs, strengths)
 
     def _enter(self, points: Points, pairs: np.ndarray, strengths: np.ndarray) -> None:
-        ids = 8 * points.cell_key[pairs // 8] + pairs % 8
-        self.global_pairs.append(np.sort(ids, axis=1))
-        place = 12 * (pairs // W) + pairs % W
-        for d in range(3):
-            middle = 0.5 * (points.x[place[:, 0] + W * d] + points.x[place[:, 1] + W * d])
-            self._box[0, d] = min(self._box[0, d], middle.min())
-            self._box[1, d] = max(self._box[1, d], middle.max())
+        self.global_pairs.append(global_ids(points, pairs))
+        widen(self._box, points, pairs)
         self._fresh.append(Broken(pairs, strengths))
         if self._pairs is not None:
             self._pairs.append(pairs)
+
+    def advance(self, points: Points, S: np.ndarray, margin: float) -> None:
+        """Move on what has softened, at the displacements of the table; brittle bonds do not."""
+
+    def take_excess(self) -> float:
+        """What bonds released beyond the energy that is booked: brittle ones are booked with all of it."""
+        return 0.0
 
     def close(self, comm) -> int:
         """Join the books of all ranks after an evaluation that breaks; the number of bonds it broke. Collective."""
@@ -166,18 +168,17 @@ class Failure:
 
         Where none of them is stretched, all tell. Ratios above ``most`` do not count; then all bonds tell at once.
         """
-        inverse = np.where(self.stretch < UNBREAKABLE, 1.0 / self.stretch, 0.0)
 
         def top(nearest):
-            of_rows = (
-                bond_failure.largest_ratio(
-                    *rows.arrays, S.reshape(-1), self.class_of, inverse, bonds.finite, nearest**2, most
-                )
-                for rows in bonds.rows
-            )
-            return float(largest(comm, np.array([max(of_rows)]))[0])
+            return float(largest(comm, np.array([self._rank_ratio(bonds, S, nearest, most)]))[0])
 
         return (top(self.nearest) if most == math.inf else 0.0) or top(0.0)
+
+    def _rank_ratio(self, bonds: Bonds, S: np.ndarray, nearest: float, most: float) -> float:
+        """`largest_ratio` of this rank's bonds that are longer than ``nearest``."""
+        inverse = np.where(self.stretch < UNBREAKABLE, 1.0 / self.stretch, 0.0)
+        rest = S.reshape(-1), self.class_of, inverse, bonds.finite, nearest**2, most
+        return max(bond_failure.largest_ratio(*rows.arrays, *rest) for rows in bonds.rows)
 
     def broken_pairs(self) -> np.ndarray:
         """Global ids (lower, higher) of the bonds broken on this rank, int64, shape (n, 2)."""
@@ -203,12 +204,8 @@ class Failure:
             On all ranks: some of them are not bonds of this scene.
         """
         total = len(broken) if total is None else total
-        wanted = _local_points(points, broken)
-        for rows in bonds.rows:
-            pairs, strengths = np.empty_like(wanted), np.empty(wanted.shape, np.float32)
-            n = bond_failure.break_listed(wanted, *rows.arrays, bonds.finite, pairs, strengths)
-            if n:
-                self._enter(points, pairs[:n].copy(), strengths[:n].copy())
+        for pairs, strengths, _ in break_again(points, bonds, broken):
+            self._enter(points, pairs, strengths)
         if self.close(comm) != total:
             raise ValueError(f"only {self.count} of {total} broken bonds are bonds of this scene")
         self._total[:] = dissipated
@@ -231,13 +228,53 @@ def nowhere() -> np.ndarray:
     return np.array([[np.inf] * 3, [-np.inf] * 3])
 
 
-def _local_points(points: Points, ids: np.ndarray) -> np.ndarray:
-    """Local indices of pairs of points, images included, of which this rank owns one and sees both; int64, (m, 2)."""
+def break_again(points: Points, bonds: Bonds, broken: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
+    """Break bonds given by their global ids, int64, shape (n, 2), as far as they stand in rows of this rank.
+
+    Yields
+    ------
+    pairs, strengths : int64, float32, shape (m, 2)
+        As the sweeps record them.
+    which : int64, shape (m,)
+        Of the bonds given.
+    """
+    wanted, which = local_points(points, broken)
+    for rows in bonds.rows:
+        pairs, strengths = np.empty_like(wanted), np.empty(wanted.shape, np.float32)
+        found = np.empty(len(wanted), np.int64)
+        n = bond_failure.break_listed(wanted, *rows.arrays, bonds.finite, pairs, strengths, found)
+        if n:
+            yield pairs[:n].copy(), strengths[:n].copy(), which[found[:n]]
+
+
+def widen(box: np.ndarray, points: Points, pairs: np.ndarray) -> None:
+    """Widen a bounding box, shape (2, 3), by the midpoints of bonds."""
+    place = 12 * (pairs // W) + pairs % W
+    for d in range(3):
+        middle = 0.5 * (points.x[place[:, 0] + W * d] + points.x[place[:, 1] + W * d])
+        box[0, d] = min(box[0, d], middle.min(initial=np.inf))
+        box[1, d] = max(box[1, d], middle.max(initial=-np.inf))
+
+
+def global_ids(points: Points, pairs: np.ndarray) -> np.ndarray:
+    """Global ids (lower, higher) of bonds given by local points, int64, shape (n, 2)."""
+    return np.sort(8 * points.cell_key[pairs // 8] + pairs % 8, axis=1)
+
+
+def local_points(points: Points, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Local indices of pairs of points, images included, of which this rank owns one and sees both.
+
+    Returns
+    -------
+    int64, shape (m, 2)
+    int64, shape (m,)
+        Which of the pairs they are.
+    """
     number = points.cell_key
     order = np.argsort(number, kind="stable")
     if not len(order) or not len(ids):
-        return np.empty((0, 2), np.int64)
+        return np.empty((0, 2), np.int64), np.empty(0, np.int64)
     place = np.minimum(np.searchsorted(number, ids // 8, sorter=order), len(order) - 1)
     cell = order[place]
     here = (number[cell] == ids // 8).all(axis=1) & (cell < points.n_owned).any(axis=1)
-    return np.ascontiguousarray((8 * cell + ids % 8)[here])
+    return np.ascontiguousarray((8 * cell + ids % 8)[here]), np.flatnonzero(here)

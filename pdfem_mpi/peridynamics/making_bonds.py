@@ -17,8 +17,10 @@ from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.peridynamics.bonds import RESPONSE_CONSTANT, Bonds
 from pdfem_mpi.peridynamics.fit.fit import BodyFit, fit_body
+from pdfem_mpi.peridynamics.gaps import with_gaps
 from pdfem_mpi.peridynamics.points import Points
 from pdfem_mpi.peridynamics.rows import find_bonds, within_bodies
+from pdfem_mpi.peridynamics.softened import make_softened
 from pdfem_mpi.peridynamics.surface_correction import appendix_a
 from pdfem_mpi.peridynamics.volumetric import volumetric_part, with_moments
 from pdfem_mpi.system.heap import large_arrays_together
@@ -49,6 +51,7 @@ def bonds_of_scene(
     """
     settings, body_fit = scene.peridynamics, None
     fitted = settings.surface_correction == "fitted"
+    points = with_gaps(scene, share.units, points)
     body = comm, points, share.materials, share.cutoff, scene.kinematics == "finite"
     correction = "virial" if fitted else settings.surface_correction
     bonds, remaining = make_bonds(*body, correction)
@@ -61,7 +64,10 @@ def bonds_of_scene(
             bonds, remaining = make_bonds(*body, correction)
     if settings.stiffness_noise:
         bonds = perturbed(points, bonds, settings.stiffness_noise, settings.seed)
-    return with_moments(comm, points, bonds, share.materials), remaining, body_fit
+    bonds = with_moments(comm, points, bonds, share.materials)
+    if scene.softens:
+        bonds = replace(bonds, softened=make_softened(scene, share, bonds))
+    return bonds, remaining, body_fit
 
 
 def make_bonds(
@@ -102,6 +108,8 @@ def make_bonds(
                 *rows.arrays, points.x, points.volume, factor, constants, points.material, cutoff, finite, strongest,
                 counts,
             )  # fmt: skip
+            if points.gaps:
+                points.gaps.keep_apart(points, rows, finite, counts)
         if points.images:
             share_own_images(*boundary.arrays, points.cell_number, points.material, finite, counts)
         return Bonds(

@@ -10,10 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from pdfem_mpi.kernels.bond_stresses import GRADIENTS, STRESSES, add_gradients, add_stresses
+from pdfem_mpi.peridynamics.bond_forces import BondForces
 from pdfem_mpi.peridynamics.bond_sums import sum_terms
 from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.images import MAGNITUDES, MIXED_PRODUCTS, SCALAR
 from pdfem_mpi.peridynamics.points import Points
+from pdfem_mpi.peridynamics.softened import in_their_rows
 
 #: A family tells no gradient where ``det M / (tr M / 3)^3`` of its second moments is below this: its points lie nearly
 #: in a plane, as those of a fragment may (a full family has 1, one beside a flat crack 0.9).
@@ -21,16 +23,18 @@ FLAT = 1e-4
 
 
 def bond_stresses(
-    comm, points: Points, bonds: Bonds, table: np.ndarray, expansion: np.ndarray | None = None
+    comm, forces: BondForces, expansion: np.ndarray | None = None, held: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stress (Kirchhoff's in finite kinematics) and strain-energy density at the owned points. Collective.
 
     Parameters
     ----------
-    table : float64, shape (n_clusters, 9, 4)
-        Of the forces' last evaluation, `BondForces.S`.
+    forces : BondForces
+        At their last evaluation; whatever else than their stretch bonds answer to is theirs to tell.
     expansion : float64, shape (n_clusters * 4,), optional
         Thermal strain of the local points, in linear kinematics.
+    held : float64, shape (n_clusters * 4,) or (0,), optional
+        What it gives the bonds of a point in common.
 
     Returns
     -------
@@ -39,14 +43,19 @@ def bond_stresses(
     energy : float64, shape (n_owned, 8), dimension force / length^2
     """
 
+    points, bonds = forces.points, forces.bonds
     strain = np.empty(0) if expansion is None else expansion
+    common, of_points = forces.beyond_stretch(np.empty(0) if held is None else held)
+    state = forces.S.reshape(-1), strain, *common, bonds.finite
 
     def add(rows, *numbers):
-        add_stresses(*rows.arrays, table.reshape(-1), strain, bonds.finite, *numbers)
+        add_stresses(*rows.arrays, *state, *numbers)
 
-    sums, quanta = sum_terms(comm, points, bonds, add, STRESSES, MAGNITUDES + MIXED_PRODUCTS + SCALAR)
+    with in_their_rows(bonds, softened_still=True):
+        sums, quanta = sum_terms(comm, points, bonds, add, STRESSES, MAGNITUDES + MIXED_PRODUCTS + SCALAR)
     half = 0.5 / points.volume[: 8 * points.n_owned].reshape(-1, 8)
-    return sums[..., :6] * quanta[0] * half[..., None], sums[..., 6] * quanta[1] * half
+    energy = sums[..., 6] * quanta[1] * half + of_points
+    return sums[..., :6] * quanta[0] * half[..., None], energy
 
 
 def displacement_gradients(comm, points: Points, bonds: Bonds, table: np.ndarray) -> np.ndarray:
@@ -63,7 +72,8 @@ def displacement_gradients(comm, points: Points, bonds: Bonds, table: np.ndarray
         add_gradients(*rows.arrays, table.reshape(-1), *places, bonds.finite, *numbers)
 
     parity = MAGNITUDES + MIXED_PRODUCTS + MIXED_PRODUCTS + MAGNITUDES + MIXED_PRODUCTS
-    sums, quanta = sum_terms(comm, points, bonds, add, GRADIENTS, parity)
+    with in_their_rows(bonds, softened_still=True):
+        sums, quanta = sum_terms(comm, points, bonds, add, GRADIENTS, parity)
     xx, yy, zz, xy, yz, zx = range(6)
     moment = (sums * quanta[1])[..., 9:][..., [xx, xy, zx, xy, yy, yz, zx, yz, zz]].reshape(*sums.shape[:2], 3, 3)
     change = (sums * quanta[0])[..., [0, 3, 8, 6, 1, 4, 5, 7, 2]].reshape(moment.shape)

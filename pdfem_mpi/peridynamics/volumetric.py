@@ -109,6 +109,12 @@ class Volumetric:
         """Largest ``scale``."""
         return float(self.scale.max())
 
+    def dilatation(self, q: np.ndarray) -> np.ndarray:
+        """``theta`` of the first clusters by their ``q``, shapes (n, 4); 0 where ``M`` is."""
+        modulus = self.modulus[self.material[: len(q)]]
+        inverse = np.divide(10.0 * self.reference, modulus, out=np.zeros_like(modulus), where=modulus != 0.0)
+        return q * inverse[:, None]
+
 
 def volumetric_part(comm, points: Points, materials: MaterialTable) -> Volumetric | None:
     """The volumetric part of the bonds between points of these materials; None where no ratio needs one. Collective."""

@@ -18,7 +18,7 @@ from pdfem_mpi.kernels.exact_sums import SIZE, add_products
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest, sum_integers
-from pdfem_mpi.peridynamics.bond_forces import BondForces
+from pdfem_mpi.peridynamics.bond_forces import BondForces, for_breaking
 from pdfem_mpi.peridynamics.failure import Broken, Failure
 from pdfem_mpi.peridynamics.images import SCALAR, halo_for
 from pdfem_mpi.peridynamics.rows import Rows
@@ -95,7 +95,7 @@ class VolumetricForces(BondForces):
             self._clear(bound)
             for rows in self.bonds.rows:
                 sweep = dilatation_sweeps.SWEEPS[True, self.series, False]
-                shared = *self._dilatation_arguments(rows), np.zeros(2), *self._failing(None, 0.0)
+                shared = *self._dilatation_arguments(rows), np.zeros(2), *for_breaking(self.bonds, None, 0.0)
                 self._call(sweep, len(rows.start) - 1, shared)
             self.of_points.scatter_reverse(self.qi.reshape(-1, 2, 1, W))
             self._make_pressures(np.zeros(2))
@@ -111,13 +111,16 @@ class VolumetricForces(BondForces):
         weight = self.points.volume.reshape(-1, W)[: len(material)] * (0.5 * self.law.modulus[material])[:, None]
         add_products((weight * theta).reshape(-1), theta.reshape(-1), digits)
 
+    def beyond_stretch(self, held: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray | float]:
+        """As of `BondForces`: ``q`` of all points, and ``1/2 M theta^2``."""
+        q = self.q - held if held.size else self.q
+        theta = self.law.dilatation(q.reshape(-1, W)[: 2 * self.points.n_owned])
+        modulus = self.law.modulus[self.law.material[: len(theta)]]
+        return (q, *self.law.of_bonds), (0.5 * modulus[:, None] * theta**2).reshape(-1, 8)
+
     def dilatation(self) -> np.ndarray:
         """``theta`` of the owned points at the last evaluation, 0 where ``M`` is; shape (n_owned_clusters, 4)."""
-        law = self.law
-        material = law.material[: 2 * self.points.n_owned]
-        modulus = law.modulus[material]
-        inverse = np.divide(10.0 * law.reference, modulus, out=np.zeros_like(modulus), where=modulus != 0.0)
-        return self.q.reshape(-1, W)[: len(material)] * inverse[:, None]
+        return self.law.dilatation(self.q.reshape(-1, W)[: 2 * self.points.n_owned])
 
     def _clear(self, bound: float) -> None:
         """Start the sums of the dilatations anew, for terms up to a bound."""
@@ -138,7 +141,7 @@ class VolumetricForces(BondForces):
             met[0] = max(met[0], extremes[0] / (self.law.widest * self.bonds.cutoff))
             return
         sweep = dilatation_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None]
-        shared = (*shared, extremes, *self._failing(failure, margin))
+        shared = (*shared, extremes, *for_breaking(self.bonds, failure, margin))
         self._call(sweep, len(rows.start) - 1, shared, failure, halo)
         met[0] = max(met[0], extremes[0], -extremes[1])
 

@@ -9,7 +9,8 @@ elsewhere is known before a number is read. HDF5's own tools open it as any othe
     points/u ...    float64 (n, 3): the fields of the state on free points, in the order of cells, 8 each
     nodes/u ...     float64 (n, 3): the same on nodes
     broken          uint32 or uint64 (n, 2): bonds broken so far, point ids i < j, sorted; ids are 8 times the number
-                    of the cell in the mesh, and 0 to 7 (format 1: its number among the cells with points)
+                    of the cell in the mesh, and 0 to 7 (format 1: its number among the cells with points);
+                    (n, 3): with their teeth, where bonds soften
 
 Broken bonds are pairs and not bits over all bonds: pairs need no enumeration of all bonds, which no rank has, and the
 file stays small until most of the body is rubble (docs/restart.md has the sizes).

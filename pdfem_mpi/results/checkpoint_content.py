@@ -104,6 +104,7 @@ def _table_fault(file: h5py.File, header: Mapping[str, Any]) -> str | None:
     broken = file.get(BROKEN)
     if broken is None:
         return "it has no table broken"
-    if broken.shape != (header["broken_bonds"], 2) or broken.dtype not in (np.uint32, np.uint64):
+    shapes = {(header["broken_bonds"], columns) for columns in (2, 3)}
+    if broken.shape not in shapes or broken.dtype not in (np.uint32, np.uint64):
         return f"its table broken has shape {broken.shape} of {broken.dtype} for {header['broken_bonds']} bonds"
     return None

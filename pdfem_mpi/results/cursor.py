@@ -1,4 +1,4 @@
-"""Result files of a run that goes on: cut back to where the checkpoint was, so that nothing is there twice."""
+"""Result files of a run that goes on are cut back to the checkpoint, so that no row and no frame is there twice."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def flushed(out: Path, history: History, frame_files: Mapping[str, FrameDigest])
 
 
 def continue_history(path: Path, columns: Iterable[str], cursor: Cursor | None, note: Callable[[str], None]) -> History:
-    """Reopen a history after the cursor's rows; without a cursor, or where the file is no good, begin a new one."""
+    """Reopen a history after the cursor's rows; without a cursor, or where the file is damaged, begin a new one."""
     if cursor is None:
         return History(path, columns)
     try:
@@ -47,7 +47,7 @@ def continue_frames(path: Path, cursor: Cursor, note: Callable[[str], None]) -> 
     """Cut a file of frames back to the cursor, and return its digest; None if a new one has to be begun."""
     from pdfem_mpi.results import vtkhdf
 
-    reason, digest = _look_at_frames(path, cursor)
+    reason, digest = _check_frames(path, cursor)
     if reason is None:
         try:
             vtkhdf.truncate(path, cursor["frames"])
@@ -65,9 +65,9 @@ def find_damage(out: Path, results: Mapping[str, Cursor]) -> list[str]:
     found = []
     for name, cursor in results.items():
         if "rows" in cursor:
-            reason = _look_at_history(out / name, cursor)
+            reason = _check_history(out / name, cursor)
         else:
-            reason, _ = _look_at_frames(out / name, cursor)
+            reason, _ = _check_frames(out / name, cursor)
         if reason:
             found.append(f"{name} is damaged: {reason}")
     return found
@@ -79,7 +79,7 @@ def unchecked(results: Mapping[str, Cursor]) -> list[str]:
     return [f"taken as they are, since the checkpoint has no digest of them: {', '.join(names)}"] if names else []
 
 
-def _look_at_history(path: Path, cursor: Cursor) -> str | None:
+def _check_history(path: Path, cursor: Cursor) -> str | None:
     try:
         with path.open("rb") as file:
             read_rows(file, path, cursor["rows"], cursor["bytes"], cursor.get("sha256"))
@@ -92,7 +92,7 @@ def _look_at_history(path: Path, cursor: Cursor) -> str | None:
     return None
 
 
-def _look_at_frames(path: Path, cursor: Cursor) -> tuple[str | None, FrameDigest | None]:
+def _check_frames(path: Path, cursor: Cursor) -> tuple[str | None, FrameDigest | None]:
     """Why a file does not have the cursor's frames, or its digest."""
     from pdfem_mpi.results import vtkhdf
     from pdfem_mpi.results.read_frames import deck_of

@@ -1,4 +1,4 @@
-"""HDF5 files whose write errors are told once, when the file is closed.
+"""HDF5 files whose write errors are raised once, when the file is closed.
 
 HDF5 that cannot write (a full disk) does not close its file either: the space of the file stays taken after it was
 removed, and the process ends in a segmentation fault. So HDF5 writes through an object that keeps the first error to

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from pdfem_mpi.results.checkpoint import Invalid, check
 from pdfem_mpi.results.checkpoint_files import list_checkpoints
@@ -56,6 +57,7 @@ def _describe_folder(folder: Path) -> tuple[str, Rows, str | None]:
     except (OSError, ValueError, KeyError, TypeError):
         summary = {}
         rows.append(("status", "summary.json cannot be read"))
+    rows += _of_failure(summary.get("failure"))
     if owner := owner_of(folder):
         state = {True: "alive", False: "gone", None: "on another host, or unknown"}[owner[1]]
         rows.append(("RUNNING", f"{owner[0]}: {state}"))
@@ -86,6 +88,20 @@ def _describe_folder(folder: Path) -> tuple[str, Rows, str | None]:
     if not found:
         rows.append(("checkpoints", "none yet"))
     return f"{folder}: a run", rows, None
+
+
+def _of_failure(failure: Any) -> Rows:
+    """First break, peak, and bonds of a run that could fail; nothing of what an older version did not write."""
+    rows: Rows = []
+    if not isinstance(failure, dict):
+        return rows
+    for name, key in (("first break", "first_break"), ("peak", "peak")):
+        found = failure.get(key)
+        if isinstance(found, dict):
+            rows.append((name, f"{found.get('load'):.6g} at {found.get('displacement'):.6g}, row {found.get('row')}"))
+    if "broken_bonds" in failure:
+        rows.append(("bonds broken, softened", f"{failure['broken_bonds']:,}, {failure.get('softened_bonds', 0):,}"))
+    return rows
 
 
 def _size(path: Path) -> str:

@@ -8,7 +8,7 @@ MOST = 200
 
 
 def as_it_is(text: str) -> str:
-    """A text for matplotlib, which reads what stands between two ``$`` as a formula and ends where it is none."""
+    """A text that matplotlib shows as it is: it would read what stands between two ``$`` as a formula, and may fail."""
     short = text if len(text) <= MOST else text[: MOST - 3] + "..."
     return short.replace("$", r"\$")
 

@@ -1,4 +1,4 @@
-"""A run folder read back: what a run tells, as numpy arrays. The one reader of summaries and histories."""
+"""A run folder read back as numpy arrays: the one reader of summaries and histories."""
 
 from __future__ import annotations
 

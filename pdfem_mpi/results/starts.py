@@ -29,7 +29,7 @@ class Starts:
     anew : bool
         The run begins anew: earlier starts were of another one.
     before : (float, list of dict)
-        Seconds and restarts of which only a checkpoint knows: of another folder, or from before this file.
+        Seconds and restarts that only a checkpoint has: of another folder, or from before this file.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Starts:
     restarts : list of dict
         One entry for each start but the first.
     idle : int
-        So many starts before this one, without a pause, ended where they began.
+        So many starts before this one, one after the other, ended where they began.
     """
 
     def __init__(self, folder: Path, anew: bool, before: tuple[float, list[dict[str, Any]]] = (0.0, [])):
@@ -60,7 +60,7 @@ class Starts:
         self.restarts = [*self._before[1], *(start["restart"] for start in starts if start.get("restart"))]
         self.idle = _idle(starts)
         self.is_first = not starts and not before[1] and not before[0]
-        # of a killed start nobody will know more than now: the log goes on
+        # written down now: once this start writes to the log, nothing shows any more when the killed one ended
         self._close = starts[-1]["seconds"] if starts and "ended" not in starts[-1] else None
         self._size = 0
 
@@ -109,7 +109,7 @@ class Starts:
                     self.path.unlink(missing_ok=True)
 
     def _write(self, line: dict[str, Any]) -> None:
-        """Append a line; a disk that takes none does not stop the run. What is there of another run waits."""
+        """Append a line; a full disk does not stop the run. A run that begins anew keeps its lines until `commit`."""
         if self._anew:
             self._lines.append(line)
             return
@@ -118,7 +118,7 @@ class Starts:
 
 
 def _read(path: Path) -> list[dict[str, Any]]:
-    """The whole lines of a file; none that a kill has torn."""
+    """The complete lines of a file; one that a kill has cut off is left out."""
     try:
         text = read_plain(path, _MOST_BYTES).decode("utf-8", "replace")
     except OSError:

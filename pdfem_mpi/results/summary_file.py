@@ -48,7 +48,7 @@ def sealed(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def check_summary(folder: Path) -> tuple[str | None, list[str]]:
-    """The status that a run folder's summary tells, and what is wrong with it or with the files that it names.
+    """The status in a run folder's summary, and what is wrong with the summary or with the files that it names.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Bytes of the arrays that objects hold, found by walking them: what nobody declared is counted too.
+"""Bytes of the arrays that objects hold, found by walking them: arrays that no list names are counted too.
 
 A buffer counts once, whoever else refers to it, and whole, however small the view of it that is held. Pages that were
 asked for and never written are counted here and are not in memory: the sum is what the program asked for.

@@ -1,4 +1,4 @@
-"""Checkpoints of a run: which to start from, and how all ranks write one together. Promise: docs/restart.md."""
+"""Checkpoints of a run: how all ranks write one together, and what it holds. docs/restart.md says what is promised."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,14 +23,11 @@ from pdfem_mpi.parallel.comm import NotWritten, broadcast, on_root_beating
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.results.checkpoint_files import FORMAT
 from pdfem_mpi.results.cursor import free_name
-from pdfem_mpi.runs.identity import identity, sha256
-from pdfem_mpi.runs.tables import make_layout, total_broken, write_tables
-from pdfem_mpi.system import faults
-
-if TYPE_CHECKING:
-    pass
 from pdfem_mpi.runs.environment import environment
+from pdfem_mpi.runs.identity import identity, sha256
 from pdfem_mpi.runs.restart_point import FOLDER, RestartPoint
+from pdfem_mpi.runs.tables import columns_of_broken, make_layout, total_broken, write_tables
+from pdfem_mpi.system import faults
 
 #: So many checkpoints that could not be written, one after the other, end the run.
 MOST_FAILURES = 3
@@ -43,8 +40,8 @@ class CheckpointContents(NamedTuple):
     ----------
     evaluations : int
         Of the run so far.
-    broken : int64, shape (n, 2)
-        Bonds broken on this rank.
+    broken : int64, shape (n, 2 or 3)
+        Bonds broken on this rank; with their teeth where bonds soften.
     books : dict or None
         The dissipated energy as an exact sum, and the extent of the last breaks.
     """
@@ -53,18 +50,22 @@ class CheckpointContents(NamedTuple):
     broken: np.ndarray
     books: dict[str, Any] | None
 
+    @classmethod
+    def of(cls, forces: Forces, failure: Failure | None) -> CheckpointContents:
+        """As it is now."""
+        if failure is None:
+            return cls(forces.evaluations, np.empty((0, 2), np.int64), None)
+        books = {"dissipated": failure.dissipated_digits.tolist(), "last_extent": failure.last_extent.tolist()}
+        return cls(forces.evaluations, failure.broken_pairs(), books)
+
 
 class CheckpointWriter:
     """Writes checkpoints, all ranks together, and keeps count of failures.
 
     Parameters
     ----------
-    scene : Scene
-    share : Share
-    forces : Forces
-        Of the run: knows its evaluations.
-    failure : Failure or None
-        Knows the broken bonds.
+    scene, share, forces, failure
+        Of the run; ``failure`` may be None.
     out : Path
         The run folder.
     flush : callable
@@ -77,14 +78,13 @@ class CheckpointWriter:
 
     Attributes
     ----------
-    written, failed : int
+    written, failed, seconds_in_all : int, int, float
     seconds, size : float, int
         Of the last checkpoint.
-    seconds_in_all : float
     good : (State, CheckpointContents) or None
         What `remember` holds.
     restarts : list of dict
-        One entry for each start but the first, the last one's included.
+        One for each start but the first.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class CheckpointWriter:
         started: float,
     ):
         self.comm, self.forces, self.model, self.failure = forces.model.comm, forces, forces.model, failure
-        self.layout = make_layout(share)
+        self.layout = make_layout(share, columns_of_broken(forces.model))
         self.folder, self.keep = out / FOLDER, scene.checkpoint.keep
         self.written = self.failed = self.size = 0
         self.seconds = self.seconds_in_all = 0.0
@@ -108,17 +108,7 @@ class CheckpointWriter:
         self._before, self._started = start.seconds_before, started
         self._failures, self._number = 0, 0
         self.good: tuple[State, CheckpointContents] | None = None
-        if self.comm.rank == 0:
-            keys = identity(scene, share)
-            self._fixed = {
-                "program": "pdfem_mpi",
-                "schema": FORMAT,
-                **environment(),
-                "python": platform.python_version(),
-                "ranks": self.comm.size,
-                "fingerprint": sha256(keys),
-                "keys": keys,
-            }
+        self._fixed = origin_of(scene, share) if self.comm.rank == 0 else {}
 
     @property
     def elapsed(self) -> float:
@@ -129,7 +119,7 @@ class CheckpointWriter:
         """Hold a copy of a good state, for the case that the next step fails; the beginning needs none."""
         self.good = None  # not two copies at a time
         if state.step:
-            self.good = copy.deepcopy(state), self._contents()
+            self.good = copy.deepcopy(state), CheckpointContents.of(self.forces, self.failure)
 
     def save_good(self) -> bool:
         """Write the last good state, if it was not the beginning. Collective."""
@@ -151,7 +141,7 @@ class CheckpointWriter:
         faults.begin("agree")
         begun = perf_counter()
         comm = self.comm
-        contents = contents or self._contents()
+        contents = contents or CheckpointContents.of(self.forces, self.failure)
         header = self._header(state, contents)
         writer, problem = None, None
         if comm.rank == 0:
@@ -170,7 +160,8 @@ class CheckpointWriter:
             self.written += 1
             faults.begin("rotate")
             if comm.rank == 0:
-                self._rotate()
+                self._number += 1
+                remove_old(self.folder, self.keep)
                 self._report(
                     f"checkpoint {writer.path.name}: step {state.step}, iteration {state.iteration}, "
                     f"{self.size / 1e6:.1f} MB in {self.seconds:.2f} s"
@@ -184,26 +175,9 @@ class CheckpointWriter:
         self._report(f"warning: {sentence}; older ones are kept. Free space.")
         return False
 
-    def _contents(self) -> CheckpointContents:
-        """What a checkpoint holds beside the state, as it is now."""
-        failure, evaluations = self.failure, self.forces.evaluations
-        if failure is None:
-            return CheckpointContents(evaluations, np.empty((0, 2), np.int64), None)
-        books = {"dissipated": failure.dissipated_digits.tolist(), "last_extent": failure.last_extent.tolist()}
-        return CheckpointContents(evaluations, failure.broken_pairs(), books)
-
     def _header(self, state: State, contents: CheckpointContents) -> dict[str, Any]:
         """Everything that is not a table. Collective."""
-        numbers = {
-            "step": state.step,
-            "load_factor": float(state.load_factor),
-            "iteration": state.iteration,
-            "spent": state.spent,
-            "fields": list(state.fields),
-            "seconds": perf_counter() - state.began,
-            "bounds": asdict(state.bounds),
-            "program": {name: _plain(value) for name, value in state.program.items()},
-        }
+        numbers = numbers_of(state)
         broken, wide = total_broken(self.model, contents.broken)
         if self.comm.rank > 0:
             return {}
@@ -232,16 +206,17 @@ class CheckpointWriter:
         tables = self.layout.tables(header["broken_bonds"], header["wide"], state.fields)
         return Writer(path, tables, job_name())
 
-    def _rotate(self) -> None:
-        from pdfem_mpi.results.checkpoint_files import rotate
 
-        self._number += 1
-        with contextlib.suppress(OSError):
-            rotate(self.folder, self.keep)
+def remove_old(folder: Path, keep: int) -> None:
+    """Remove all checkpoints but the newest ones; a file that cannot be removed stays."""
+    from pdfem_mpi.results.checkpoint_files import rotate
+
+    with contextlib.suppress(OSError):
+        rotate(folder, keep)
 
 
 def _finish(comm, writer, header: dict[str, Any], before: tuple[int, Exception | None]):
-    """Finish the file on rank 0, while the others hear that it goes on; its size, and what went wrong. Collective."""
+    """Finish the file on rank 0, whose work keeps all watchdogs quiet; its size, and what went wrong. Collective."""
     found = [before]
 
     def finish(beat):
@@ -262,6 +237,34 @@ def take_over(start: RestartPoint, folder: Path) -> None:
     for path, fate in start.passed:
         with contextlib.suppress(FileNotFoundError):
             os.replace(path, free_name(path, fate))
+
+
+def origin_of(scene: Scene, share: Share) -> dict[str, Any]:
+    """What a header says of the program, the computer and the scene."""
+    keys = identity(scene, share)
+    return {
+        "program": "pdfem_mpi",
+        "schema": FORMAT,
+        **environment(),
+        "python": platform.python_version(),
+        "ranks": share.comm.size,
+        "fingerprint": sha256(keys),
+        "keys": keys,
+    }
+
+
+def numbers_of(state: State) -> dict[str, Any]:
+    """What a header says of the state."""
+    return {
+        "step": state.step,
+        "load_factor": float(state.load_factor),
+        "iteration": state.iteration,
+        "spent": state.spent,
+        "fields": list(state.fields),
+        "seconds": perf_counter() - state.began,
+        "bounds": asdict(state.bounds),
+        "program": {name: _plain(value) for name, value in state.program.items()},
+    }
 
 
 def job_name() -> str:

@@ -9,8 +9,10 @@ from time import perf_counter
 
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.deck.toml import read_deck, write_deck
-from pdfem_mpi.results.ownership import DECK, Written, free_name, refuse_deck, refuse_folder
+from pdfem_mpi.results.ownership import DECK, RESULTS, SUMMARY, Written, free_name, refuse_deck, refuse_folder
 from pdfem_mpi.results.starts import Starts
+from pdfem_mpi.runs.checkpoints import take_over
+from pdfem_mpi.runs.restart_point import FOLDER as CHECKPOINTS
 from pdfem_mpi.runs.restart_point import Refused, RunOptions, choose_start
 from pdfem_mpi.system.exit_codes import EXIT_NOT_WRITTEN, EXIT_USAGE
 from pdfem_mpi.system.files import replacing
@@ -95,7 +97,14 @@ class ClaimedFolder:
             self.write_deck()
 
     def commit(self) -> None:
-        """The run begins to write into its folder: from now on this start counts, however it ends."""
+        """Make room for what this start writes: from now on it counts, however it ends."""
+        self.written.remove(SUMMARY)
+        if self.start.path:
+            take_over(self.start, self.out / CHECKPOINTS)
+        else:
+            self.written.remove(*RESULTS)
+            self.written.remove_checkpoints(self.out / CHECKPOINTS)
+        self.written.remove("figures/", "lines/")
         self._committed = True
         self.starts.commit()
         self.write_deck()

@@ -28,8 +28,8 @@ ON_MIRROR = 1e-6
 def energy_releases(simulation: Simulation, warn: Callable[[str], None]) -> dict[str, Any]:
     """Rates and stress intensity factors of the scene's probes at the state, by name, the deck's units. Collective.
 
-    The simulation is left as it is; each probe solves a second body at the same load. ``warn`` is told of one for which
-    no equilibrium was found.
+    The simulation is left as it is; each probe solves a second body at the same load. ``warn`` is called where that has
+    no equilibrium.
     """
     found: dict[str, Any] = {}
     for probe in simulation.scene.probes:

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pdfem_mpi.body.materials import bond_stretches, materials_of
+from pdfem_mpi.body.materials import materials_of
 from pdfem_mpi.body.share import Share
+from pdfem_mpi.body.softening import laws_of_materials
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.kernels.hex8 import gauss_positions
@@ -24,6 +25,13 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE, critical_stretches, lets_overlap_fail, point_classes
 from pdfem_mpi.peridynamics.failure import Failure
+from pdfem_mpi.runs.softening_notes import (
+    Softening,
+    describe_softening,
+    near_elements,
+    softening_of,
+    softening_warnings,
+)
 
 #: Depth of an overlap, in internal lengths, below which bonds into it stretch noticeably further than others: 0.9 times
 #: as far at depth 1, 1.3 at 2/3, 2.0 at 1/2, 3.9 at 1/3 (docs/failure.md).
@@ -44,12 +52,15 @@ class Criterion:
     fracture_energy_own_bonds : tuple of three floats or None, dimension force / length
         Of those that planes normal to x, y and z cut in this body before cracks, mean over the planes' places, with
         the bulk's share of the dilatation beside them; None where no cell of the material may fail.
+    softening : Softening or None
+        Where bonds soften from ``critical_stretch`` on.
     """
 
     critical_stretch: float
     strength: float
     fracture_energy_bulk: float
     fracture_energy_own_bonds: tuple[float, float, float] | None
+    softening: Softening | None = None
 
 
 def criteria(scene: Scene, share: Share, model: Model) -> dict[str, Criterion]:
@@ -57,18 +68,22 @@ def criteria(scene: Scene, share: Share, model: Model) -> dict[str, Criterion]:
     if model.own_energy is None:
         return {}
     units, ratio = share.units, share.cutoff / (1.0 + CUTOFF_GUARD)
-    stretches = np.diag(bond_stretches(scene, units.length, ratio))
+    laws, softening = laws_of_materials(scene, units.length, ratio), softening_of(scene, share)
     found = {}
-    for (name, material), stretch, own in zip(materials_of(scene).items(), stretches, model.own_energy, strict=True):
-        if not stretch < math.inf:
+    for (name, material), own in zip(materials_of(scene).items(), model.own_energy, strict=True):
+        law = laws.get(name)
+        if law is None:
             continue
+        bulk = material.energy_at_failure(law.first, units.length, ratio) if law.shape is None else law.energy
+        square = law.first**2 if law.shape is None else law.teeth.energy
         whole = 1.0 + material.share_of_dilatation(ratio)  # of the bonds alone
-        energies = own * stretch**2 * whole * units.stress * units.length
+        energies = own * square * whole * units.stress * units.length
         found[name] = Criterion(
-            critical_stretch=float(stretch),
-            strength=float(material.youngs_modulus * stretch),
-            fracture_energy_bulk=material.energy_at_failure(float(stretch), units.length, ratio),
+            critical_stretch=float(law.first),
+            strength=float(law.strength),
+            fracture_energy_bulk=bulk,
             fracture_energy_own_bonds=None if np.isnan(energies).any() else tuple(energies.tolist()),
+            softening=softening.get(name),
         )
     return found
 
@@ -103,13 +118,24 @@ def describe_criterion(
     if scene.peridynamics.internal_length is None:
         yield from _lengths(scene, share.units.length, found)
     yield from _overlap_that_fails(scene, share)
-    yield from _shallow_overlap(scene, share)
+    softening = {name: criterion.softening for name, criterion in found.items() if criterion.softening}
+    if not softening:
+        yield from _shallow_overlap(scene, share)
+        return
+    for name, text in describe_softening(scene, softening):
+        own = found[next(iter(softening))] if len(softening) == 1 else None
+        yield f"{name}: {text}{_own(scene, own)}"
+    if share.counts.overlap_cells and _reaches_into_overlap(scene, share):
+        yield near_elements(share)
+    yield from softening_warnings(scene, softening)
 
 
 def _lengths(scene: Scene, length: float, found: dict[str, Criterion]) -> Iterator[str]:
     """The length follows the cells: one sentence for each material."""
     for name, criterion in found.items():
         if criterion.fracture_energy_own_bonds is None:
+            continue
+        if criterion.softening:  # strength and energy hold at any length
             continue
         given = materials_of(scene)[name].critical_stretch is not None
         force, unit = scene.units.force, scene.units.length
@@ -153,6 +179,15 @@ def _shallow_overlap(scene: Scene, share: Share) -> Iterator[str]:
         f"coupling.overlap = {math.ceil(SHALLOW / edge)}, or a band of peridynamics with may_fail = false as wide as "
         "the cutoff radius beside the elements."
     )
+
+
+def _own(scene: Scene, criterion: Criterion | None) -> str:
+    """The fracture energy of the bulk, and of the bonds that planes cut in this body."""
+    if criterion is None or criterion.fracture_energy_own_bonds is None:
+        return ""
+    unit = f" {scene.units.force}/{scene.units.length}" if scene.units.force and scene.units.length else ""
+    own = ", ".join(f"{energy:.4g}" for energy in criterion.fracture_energy_own_bonds)
+    return f"; G_c = {criterion.fracture_energy_bulk:.4g}{unit} in the bulk, and planes across x, y, z cut {own} here"
 
 
 def _reaches_into_overlap(scene: Scene, share: Share) -> bool:

@@ -67,7 +67,7 @@ class FramesOutput(Output):
             {name: found[name] for name in self.names if name in found} for found in self.pick(fields)
         )
         if damage is not None and self.has_damage:
-            on_points["damage"] = damage
+            on_points |= dict(zip(("damage", "softened", "gone"), damage.reshape(len(damage), -1).T, strict=False))
         time = columns.get("time", columns["load_factor"])
         vtkhdf.append_frame(self.path, time, on_points, on_cells, digest=self.digest)
 

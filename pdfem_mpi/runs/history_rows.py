@@ -19,11 +19,16 @@ FAILURE_HISTORY = (
     "broken_bonds", "new_broken_bonds", "stored_energy", "dissipated_energy", "external_work", "released_energy",
     "ledger_error", "crack_x_min", "crack_x_max", "crack_y_min", "crack_y_max", "crack_z_min", "crack_z_max",
 )  # fmt: skip
+#: Where they soften before.
+SOFTENING_HISTORY = ("softened_bonds",)
 
 
 def columns_of(fails: bool, scene: Scene) -> tuple[str, ...]:
-    """Columns of history.csv; more where bonds can break, of a program over a time, and of probes read at every row."""
+    """Columns of history.csv; more where bonds can break, or soften, of a program over a time, and of probes read at
+    every row.
+    """
     columns = HISTORY + FAILURE_HISTORY if fails else HISTORY
+    columns += SOFTENING_HISTORY if fails and scene.softens else ()
     timed = getattr(scene.stepping, "times", None) is not None
     return columns + (("time",) if timed else ()) + tuple(probe_row(scene.probes, {}))
 
@@ -72,6 +77,8 @@ def history_row(row: Report, units: ModelUnits, fails: bool) -> dict[str, Any]:
         }
         for d, axis in enumerate("xyz"):
             columns[f"crack_{axis}_min"], columns[f"crack_{axis}_max"] = extent[:, d] if row.broken else (None, None)
+    if row.softened is not None:
+        columns["softened_bonds"] = row.softened
     return columns
 
 

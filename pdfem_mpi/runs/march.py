@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pdfem_mpi.measure.closing import measure_closing
 from pdfem_mpi.measure.fields import Fields, digest_fields, gather_damage
 from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.parallel.comm import on_root
@@ -16,7 +17,7 @@ from pdfem_mpi.parallel.traffic import TRAFFIC, join
 from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.runs.checkpoints import CheckpointWriter
 from pdfem_mpi.runs.energy_release import energy_releases
-from pdfem_mpi.runs.history_rows import history_row, probe_row
+from pdfem_mpi.runs.history_rows import probe_row
 from pdfem_mpi.runs.memory_report import Watched
 from pdfem_mpi.runs.outputs import Outputs
 from pdfem_mpi.runs.reporter import Reporter
@@ -37,7 +38,7 @@ class Ending:
     reason : str or None
     fields : Fields or None
         The last ones, on rank 0, where something asks for them.
-    damage : float64, shape (n_points,), or None
+    damage : float64, shape (n_points,) or, where bonds soften, (n_points, 3), or None
     digest : str or None
         Of the fields, where nothing asks for them.
     did_nothing : bool
@@ -67,7 +68,7 @@ class March:
     checkpoints : CheckpointWriter
     stop_requests : StopRequests
     changed : bool
-        The deck is not that of the checkpoint: a program that was over may go on.
+        The deck is not that of the checkpoint: a load program that had ended may go on.
     """
 
     def __init__(
@@ -87,6 +88,8 @@ class March:
         self.energy_error: float | None = None
         self.seconds = self.seconds_of_output = 0.0
         self._warned_of_strains = False
+        comes_back = getattr(simulation.scene.stepping, "times", None) is not None
+        self._looks_for_overlap = comes_back and simulation.failure is not None
 
     @property
     def arrays(self) -> tuple[Any, ...]:
@@ -141,12 +144,18 @@ class March:
         if report.elements and report.elements.warning and not self._warned_of_strains:
             self.reporter.line(report.elements.warning)
             self._warned_of_strains = True
+        if self._looks_for_overlap and simulation.failure.count:
+            closing = measure_closing(simulation.share, simulation.forces, simulation.failure)
+            if closing.warning:
+                self.reporter.line(closing.warning)
+                self._looks_for_overlap = False
         began = perf_counter()
         if self.wanted:
             ended.fields = simulation.fields(*simulation.scene.output.mechanical, probes=simulation.probe_reader)
-        columns = history_row(report, simulation.share.units, simulation.failure is not None)
+        columns = simulation.row(report)
         columns |= probe_row(simulation.scene.probes, ended.fields.probed if ended.fields else {})
-        ended.damage = gather_damage(simulation.share, simulation.model, self.remaining, simulation.failure)
+        body = simulation.share, simulation.model
+        ended.damage = gather_damage(*body, self.remaining, simulation.failure, parts=True)
         on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))
         self.reporter.row(columns)
         self.seconds_of_output += perf_counter() - began

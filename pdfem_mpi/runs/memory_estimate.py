@@ -22,7 +22,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.parallel.comm import agree, largest, node_communicator, sum_integers
-from pdfem_mpi.solvers.preconditioner.coarse_grid import grid_counts
+from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts
 from pdfem_mpi.system.process_limits import Limit, group_limit, own_limit
 
 #: Cells of a rank whose families are searched.
@@ -69,7 +69,7 @@ def resident() -> int:
 
 
 def peak_resident() -> int:
-    """Largest `resident` since the process began or `forget_peak`; 0 where the system does not tell."""
+    """Largest `resident` since the process began or `forget_peak`; 0 where the system has no such number."""
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
     except OSError:

@@ -48,10 +48,12 @@ def features_of(scene: Scene) -> frozenset[str]:
         "bonds": bonds,
         scene.kinematics: bonds,
         "failing": bonds and scene.can_fail,
+        "softening": bonds and scene.softens,
         "correction": bonds and settings.surface_correction in ("appendix_a", "virial"),
         "fitted": bonds and settings.surface_correction == "fitted",
         "noise": settings.stiffness_noise > 0.0,
         "cracks": bool(scene.cracks),
+        "gaps": bonds and bool(getattr(scene.mesh, "remove", ())),
         "damage": scene.output.has_damage,
         "stresses": bonds and bool(scene.output.mechanical),
         "mirrors": bool(scene.mesh.symmetry),
@@ -143,7 +145,7 @@ def _things(
     if failure:
         yield "break_check", (failure.class_of, failure.stretch)
         yield "break_records", failure.records
-        yield "broken_bonds", (failure.global_pairs, failure._fresh, failure._pairs)
+        yield "broken_bonds", (failure.global_pairs, failure._fresh, failure._pairs, getattr(failure, "_teeth", None))
     if preconditioner:
         yield "intact_elements", (preconditioner.forces,)
         yield "coarse_grid", (preconditioner.grid,)

@@ -1,4 +1,4 @@
-"""Sentences about a run that begins or ends."""
+"""Sentences about a run at its beginning and at its end."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_STOPPED, RUN_STATUS
 
 @dataclass
 class Findings:
-    """What is found out about a simulation before its first step.
+    """What was found when a simulation was examined before its first step.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Findings:
     smallest_eigenvalue : float or None
         Of a body with fitted factors.
     stable : bool or None
-        None where it was not looked at.
+        None where it was not examined.
     """
 
     notes: list[str] = field(default_factory=list)
@@ -46,7 +46,7 @@ class Findings:
 
 
 def describe_body(simulation: Simulation) -> list[str]:
-    """Lines about the mesh file, loose parts and loads on held places. Collective."""
+    """Lines about the mesh file, unsupported parts, and loads on supported places. Collective."""
     scene, share, case = simulation.scene, simulation.share, simulation.case
     lines = [f"mesh: {text}" for text in share.notes]
     lines += describe_unsupported(case.parts, case.unsupported)
@@ -56,7 +56,7 @@ def describe_body(simulation: Simulation) -> list[str]:
 
 
 def examine(simulation: Simulation, is_resumed: bool) -> Findings:
-    """Look at a simulation whose solver is prepared, before its first step. Collective."""
+    """Examine a simulation whose solver is prepared, before its first step. Collective."""
     scene, share, model = simulation.scene, simulation.share, simulation.model
     found = Findings()
     found.notes += model.body_fit.notes if model.body_fit else ()
@@ -104,13 +104,13 @@ def interfaces_without_bonds(scene: Scene, share: Share, by_material: np.ndarray
 
 
 def describe_nothing(start_up: float, idle: int) -> str:
-    """What to say of a start that ended where it began, after others that did."""
+    """A sentence about a start that ended where it began, perhaps after others that did."""
     again = f" It is start {idle + 1} in a row that did nothing." if idle else ""
     return f". Nothing was done. Start-up alone took {start_up:.1f} s: allow more.{again}"
 
 
 def describe_taken(force: np.ndarray, unit: str) -> str:
-    """A sentence about loads on held places; force (3,), NaN along axes where there are none."""
+    """A sentence about loads on supported places; force (3,), NaN along axes where there are none."""
     parts = [f"{value:.6g}{' ' + unit if unit else ''} along {axis}" for value, axis in zip(force, "xyz", strict=True)
              if not np.isnan(value)]  # fmt: skip
     return f"loads of {', '.join(parts)} act on held places: their supports take them, and reactions do not count them"

@@ -21,6 +21,7 @@ from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.peridynamics.fit.fit import EXPECTED_SWEEPS, SWEEP_RATE
 from pdfem_mpi.runs.compilation import compile_kernels
 from pdfem_mpi.runs.memory_estimate import Need, check_mesh, check_model, show_bytes
+from pdfem_mpi.runs.softening_notes import describe_softening, softening_of, softening_warnings
 
 
 def warm_up(comm, features: Collection[str] | None = None) -> None:
@@ -50,6 +51,7 @@ def prepare(scene: Scene, comm) -> tuple[Share, Need]:
         On all ranks.
     """
     share = cut_share(scene, comm)
+    softening_of(scene, share)  # refuses strengths and energies that do not go with the internal length
     return share, check_model(scene, share, comm)
 
 
@@ -101,6 +103,8 @@ def check_scene(scene: Scene, comm) -> dict[str, str]:
         Also when it would not fit into memory.
     """
     share, need = prepare(scene, comm)
+    softening = softening_of(scene, share)
+    warnings = [text.removeprefix("warning: ") for text in softening_warnings(scene, softening)]
     sizes, quality = count_sizes(share, None), share.quality
     bonds, total = sum_integers(comm, np.array([int(need.bonds), int(need.bytes)]))
     return {
@@ -114,6 +118,8 @@ def check_scene(scene: Scene, comm) -> dict[str, str]:
         "elements": f"{sizes['elements']}",
         "points": f"{sizes['points']}",
         "undirected bonds, about": f"{bonds:.3g}",
+        **dict(describe_softening(scene, softening)),
+        **({"of bonds that soften": "; ".join(warnings)} if warnings else {}),
         "memory, about": f"{show_bytes(total)} in all, of the largest rank "
         f"{show_bytes(float(largest(comm, np.array([need.bytes]))[0]))}",
     } | _fit_cost(scene, bonds, comm.size)

@@ -76,7 +76,7 @@ class Readings:
     def bonds(self) -> BondList | None:
         """The intact bonds that this rank computes, each of the body on one rank; None without peridynamics.
 
-        Some 100 bytes a bond: for bodies of which one wants to see single bonds.
+        Some 100 bytes a bond: meant for bodies small enough to look at single bonds.
         """
         if self.model.bonds is None:
             return None

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pdfem_mpi.results.cursor import find_damage
 from pdfem_mpi.results.summary_file import check_summary
+from pdfem_mpi.runs.environment import environment
 from pdfem_mpi.runs.identity import differences, free_changes
 from pdfem_mpi.system.exit_codes import EXIT_NO_CHECKPOINT, EXIT_USAGE
 from pdfem_mpi.system.signals import Requests
-
-if TYPE_CHECKING:
-    pass
-from pdfem_mpi.runs.environment import environment
 
 FOLDER = "checkpoints"
 MOST_BYTES = 1 << 24  # of a summary
@@ -133,9 +130,9 @@ def choose_start(out: Path, resume: str, overwrite: bool) -> RestartPoint:
         return RestartPoint(notes=[*notes, "there is no checkpoint yet: starting at the beginning"] if begun else [])
     passed: list[tuple[Path, str]] = []
     for _, path in found:
-        header, reason = _look_at(path)
+        header, reason = _checked(path)
         if reason is None:
-            # a run that is finished has a last checkpoint that says so: without it, the end is made again
+            # the last checkpoint of a finished run says that it is over: without that one, the end is computed again
             over = status == "finished" and not passed and bool(header["state"]["program"].get("over"))
             damage = find_damage(out, header["results"]) if over else []
             return RestartPoint(path, header, passed, notes + damage, over and not damage)
@@ -166,7 +163,7 @@ def _start_from(out: Path, path: Path) -> RestartPoint:
     return RestartPoint(path, {**header, "results": {}}, notes=notes)
 
 
-def _look_at(path: Path) -> tuple[dict[str, Any], str | None]:
+def _checked(path: Path) -> tuple[dict[str, Any], str | None]:
     """Header of a checkpoint, or why it cannot be used."""
     from pdfem_mpi.results.checkpoint import Invalid, check
 

@@ -15,7 +15,8 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import FIELDS, State
 from pdfem_mpi.parallel.comm import broadcast
 from pdfem_mpi.peridynamics.failure import Failure
-from pdfem_mpi.runs.tables import BROKEN, Layout, make_layout, read_broken, read_fields
+from pdfem_mpi.peridynamics.softening_failure import GONE
+from pdfem_mpi.runs.tables import BROKEN, Layout, columns_of_broken, make_layout, read_broken, read_fields
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.system.exit_codes import EXIT_NO_CHECKPOINT
 
@@ -34,8 +35,8 @@ def restore(start: RestartPoint, share: Share, model: Model, state: State) -> np
 
     Returns
     -------
-    int64, shape (n, 2)
-        Broken bonds with an end in a cell of this rank.
+    int64, shape (n, 2 or 3)
+        Broken bonds with an end in a cell of this rank, with their teeth where bonds soften.
 
     Raises
     ------
@@ -51,13 +52,13 @@ def restore(start: RestartPoint, share: Share, model: Model, state: State) -> np
     state.began = perf_counter() - saved["seconds"]
     for name in saved.get("fields", [entry.name for entry in FIELDS]):  # all, before they were named
         state.add(name)
-    layout = make_layout(share)
+    layout = make_layout(share, columns_of_broken(model))
     with _reader(start.path, model.comm) as reader:
         fault = broadcast(model.comm, _shape_fault(layout, state, reader) if reader else None)
         if fault:
             raise Refused(EXIT_NO_CHECKPOINT, f"{start.path}: {fault}. Start again with --overwrite.")
         read_fields(model, layout, state, reader)
-        return read_broken(share, model, reader, start.header["schema"])
+        return _as_wanted(read_broken(share, model, reader, start.header["schema"]), layout.columns)
 
 
 def _shape_fault(layout: Layout, state: State, reader: Reader) -> str | None:
@@ -66,6 +67,13 @@ def _shape_fault(layout: Layout, state: State, reader: Reader) -> str | None:
         if name != BROKEN and reader.shape(name) != (rows, width):
             return f"its table {name} has shape {reader.shape(name)}, and the scene needs {(rows, width)}"
     return None
+
+
+def _as_wanted(broken: np.ndarray, columns: int) -> np.ndarray:
+    """Broken bonds as the scene books them: those of a brittle run are gone where bonds soften now."""
+    if broken.shape[1] < columns:
+        return np.column_stack([broken, np.full(len(broken), GONE)])
+    return broken[:, :columns]
 
 
 def _fill(bounds: Bounds, saved: dict[str, Any]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -13,34 +12,31 @@ import numpy as np
 
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.measure.fields import fields_sha256
 from pdfem_mpi.measure.geometry import Geometry
 from pdfem_mpi.parallel.comm import NotWritten, broadcast, on_root, sum_integers
 from pdfem_mpi.parallel.stop_requests import Stopped, StopRequests
 from pdfem_mpi.parallel.watchdog import NoWatchdog, Watchdog, patience
 from pdfem_mpi.results.cursor import unchecked
 from pdfem_mpi.results.log import RunLog
-from pdfem_mpi.results.ownership import RESULTS, SUMMARY
-from pdfem_mpi.results.summary_file import sealed, write_summary
-from pdfem_mpi.runs.checkpoints import CheckpointWriter, take_over
+from pdfem_mpi.runs.checkpoints import CheckpointWriter
 from pdfem_mpi.runs.claimed_folder import ClaimedFolder
 from pdfem_mpi.runs.compilation import not_compiled
-from pdfem_mpi.runs.history_rows import columns_of
+from pdfem_mpi.runs.finishing import finish
 from pdfem_mpi.runs.identity import identity
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.memory_estimate import resident
-from pdfem_mpi.runs.memory_report import count_parts, describe_memory, features_of, left_out, table_of
-from pdfem_mpi.runs.notes import Findings, describe_body, describe_bonds, describe_nothing, ending, examine, headline
+from pdfem_mpi.runs.memory_report import features_of
+from pdfem_mpi.runs.notes import describe_body, describe_bonds, describe_nothing, examine, headline
 from pdfem_mpi.runs.output import Place
 from pdfem_mpi.runs.outputs import Outputs, geometry_of, make_outputs
 from pdfem_mpi.runs.prepare import count_sizes, fit_folders, prepare, warm_up
+from pdfem_mpi.runs.read_columns import all_columns
 from pdfem_mpi.runs.reporter import LoggedReporter, NullReporter, Reporter
-from pdfem_mpi.runs.restart_point import FOLDER as CHECKPOINTS
 from pdfem_mpi.runs.restart_point import Refused, RestartPoint, RunOptions, compare
 from pdfem_mpi.runs.restoring import restore, restore_late
 from pdfem_mpi.runs.simulation import Simulation
 from pdfem_mpi.runs.stopwatch import phase
-from pdfem_mpi.runs.summary import end_table, make_summary, sha256
+from pdfem_mpi.runs.summary import sha256
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_NOT_WRITTEN, EXIT_STOPPED
 from pdfem_mpi.system.heap import APART_BESIDE_BONDS, large_arrays_apart
 
@@ -69,20 +65,21 @@ def run(
     if comm.rank > 0:
         reporter = NullReporter()
     try:
-        return _Run(scene, comm, out, deck_text, overwrite, reporter, options or RunOptions()).go()
+        return Run(scene, comm, out, deck_text, overwrite, reporter, options or RunOptions()).go()
     except NotWritten as error:
         reporter.line(f"pdfem: {error} Free space or choose another folder with --out.")
         return EXIT_NOT_WRITTEN
 
 
-class _Run:
+class Run:
+    """One start of a run: it takes the folder, makes the simulation and follows the load program."""
+
     def __init__(self, scene, comm, out, deck_text, overwrite, reporter, options):
         self.scene, self.comm, self.out, self.deck_text = scene, comm, out, deck_text
         self.overwrite, self.reporter, self.options = overwrite, reporter, options
         self.seconds: dict[str, float] = {}
         self.claimed: ClaimedFolder | None = None  # on rank 0 alone
         self.outputs: Outputs | None = None  # on rank 0 alone
-        self.energy_error: float | None = None
         self.started = perf_counter()
 
     def go(self) -> int:
@@ -130,18 +127,20 @@ class _Run:
             raise Stopped("asked to stop before the first step: nothing was done", kept=True)
 
     def _go(self, start: RestartPoint) -> int:
-        self._compile()
+        with phase(self.seconds, "compile"):
+            load_kernels(self.scene, self.comm, self.reporter)
+        self._stop_if_asked()
         before = resident()
         prepared = self._prepare(start)
         if prepared is None:
             return EXIT_FINISHED
         simulation, broken, sizes = prepared
         self._stop_if_asked()
-        on_root(self.comm, lambda: self._open_folder(start))
+        on_root(self.comm, self._open_folder)
         self._lines(describe_body(simulation))
         checkpoints, stop_requests = self._make_checkpoints(simulation, start)
         with phase(self.seconds, "setup"), large_arrays_apart(APART_BESIDE_BONDS):
-            solver = simulation.prepare_solver(self._line, stop_requests)
+            solver = simulation.prepare_solver(self.reporter.line, stop_requests)
             if start.path:
                 restore_late(start, broken, simulation.state, simulation.failure, solver)
         self._lines(headline(simulation, sizes, self.seconds["setup"]))
@@ -151,7 +150,7 @@ class _Run:
         state = simulation.state
         if start.path:
             stop_requests.resumed(state)
-            self._line(f"going on from {start.path.name}: step {state.step}, iteration {state.iteration}")
+            self.reporter.line(f"going on from {start.path.name}: step {state.step}, iteration {state.iteration}")
         else:
             state.began = perf_counter()
         self._lines(describe_bonds(simulation, findings))
@@ -162,16 +161,7 @@ class _Run:
         ended = march.follow()
         if ended.did_nothing and self.claimed:
             ended.reason += describe_nothing(start_up, self.claimed.starts.idle)
-        return self._finish(march, start, findings, sizes, self._memory(march, before))
-
-    def _compile(self) -> None:
-        """Compile or load the kernels that the scene calls. Collective."""
-        with phase(self.seconds, "compile"):
-            features = features_of(self.scene)
-            if missing := on_root(self.comm, lambda: not_compiled(features)):
-                self.reporter.line(f"compiling {missing} kernels, once on this machine (up to 30 s)")
-            warm_up(self.comm, features)
-        self._stop_if_asked()
+        return finish(self, march, start, findings, sizes, before)
 
     def _prepare(self, start: RestartPoint) -> tuple[Simulation, np.ndarray | None, dict[str, int]] | None:
         """The simulation in the state of the start, its broken bonds, and its sizes; None for a run that is finished
@@ -188,23 +178,14 @@ class _Run:
                     self.claimed.withdraw()
                 return None
             self._stop_if_asked()
-            evaluations = start.header.get("evaluations", 0)
-            simulation = Simulation(
-                scene, comm, prepared=prepared, caches=fit_folders(self.out), evaluations=evaluations
-            )
+            known = {"caches": fit_folders(self.out), "evaluations": start.header.get("evaluations", 0)}
+            simulation = Simulation(scene, comm, prepared=prepared, **known)
             broken = None
             if start.path:
                 broken = restore(start, simulation.share, simulation.model, simulation.state)
             return simulation, broken, count_sizes(simulation.share, simulation.model)
 
-    def _open_folder(self, start: RestartPoint) -> None:
-        self.claimed.written.remove(SUMMARY)
-        if start.path:
-            take_over(start, self.out / CHECKPOINTS)
-        else:
-            self.claimed.written.remove(*RESULTS)
-            self.claimed.written.remove_checkpoints(self.out / CHECKPOINTS)
-        self.claimed.written.remove("figures/", "lines/")
+    def _open_folder(self) -> None:
         self.claimed.commit()
         self.reporter = LoggedReporter(self.reporter, RunLog(self.claimed.written.new("run.log")))
 
@@ -212,7 +193,7 @@ class _Run:
         """Who writes checkpoints, and who says when. Collective."""
         checkpoints = CheckpointWriter(
             self.scene, simulation.share, simulation.forces, simulation.failure, self.out, self._flush,
-            self._line, start, self.started,
+            self.reporter.line, start, self.started,
         )  # fmt: skip
         options = self.options
         return checkpoints, StopRequests(self.comm, options.requests, checkpoints, self.scene.checkpoint, options.end)
@@ -230,54 +211,8 @@ class _Run:
             self.scene, geometry, self.claimed.written, sha256(self.deck_text), start.results,
             start.other_fields, note, self._warn,
         )  # fmt: skip
-        self.outputs = make_outputs(place, columns_of(simulation.failure is not None, self.scene))
+        self.outputs = make_outputs(place, all_columns(simulation))
         self.outputs.open()
-
-    def _memory(self, march: March, before: int) -> dict[str, Any]:
-        """What was allocated, and what was left out. Collective."""
-        simulation = march.simulation
-        arrays = count_parts(*simulation.parts, march.checkpoints, march.arrays)
-        reasons = left_out(self.scene, simulation.share, simulation.failure, self.comm.size)
-        return describe_memory(self.comm, arrays, march.watched, reasons, simulation.need, before)
-
-    def _finish(self, march: March, start: RestartPoint, findings: Findings, sizes: dict, memory: dict) -> int:
-        """Write what belongs to the end, and report it. Collective."""
-        comm, simulation, ended, seconds = self.comm, march.simulation, march.ended, self.seconds
-        seconds["solve"], seconds["output"] = march.seconds, march.seconds_of_output
-        phases = {name: round(value, 6) for name, value in simulation.forces.seconds.items()}
-        bonds = comm.gather(simulation.model.bonds.count if simulation.model.bonds else 0)
-        evaluations = simulation.forces.evaluations
-        if ended.fields is not None:
-            self.outputs.measure(ended.fields, simulation.state.load_factor)
-        with phase(seconds, "output"):
-            if ended.code != EXIT_STOPPED:  # who stops a run is in a hurry
-                on_root(comm, lambda: self.outputs.close())
-        seconds["total"] = perf_counter() - self.started
-        summary = None
-        if comm.rank == 0:
-            self.claimed.starts.end(seconds["total"], ended.code, ended.did_nothing, start.notes)
-            facts = {
-                "deck_text": self.deck_text,
-                "fields_sha256": fields_sha256(ended.fields) if ended.fields else ended.digest,
-                "counts": sizes,
-                "bonds_per_rank": bonds,
-                "evaluations": evaluations,
-                "seconds": seconds | {"evaluation_phases_rank_0": phases},
-                "seconds_of_all_starts": self.claimed.starts.seconds_before + seconds["total"],
-                "memory": memory,
-            }
-            summary = make_summary(self.scene, march, findings, facts)
-        if ended.code == EXIT_FINISHED:
-            on_root(comm, lambda: remove_stacks(self.out))
-        on_root(comm, lambda: write_summary(self.claimed.written.new(SUMMARY), sealed(summary, self.out)))
-        if comm.rank == 0:
-            self.reporter.table(self.scene.title or self.out.name, end_table(summary, self.scene))
-            self.reporter.table("memory: what was allocated, and what was left out", table_of(summary))
-            self._line(f"pdfem: {ending(ended.code, ended.reason, self.out)}")
-        return ended.code
-
-    def _line(self, text: str) -> None:
-        self.reporter.line(text)
 
     def _lines(self, lines: Iterable[str]) -> None:
         for text in lines:
@@ -287,8 +222,9 @@ class _Run:
         self.reporter.line(f"warning: {text}")
 
 
-def remove_stacks(folder: Path) -> None:
-    """Remove the stacks that earlier starts left where they hung: they say nothing of a run that finished."""
-    for path in folder.glob("run.r*.hang"):
-        with suppress(OSError):
-            path.unlink()
+def load_kernels(scene: Scene, comm, reporter: Reporter) -> None:
+    """Compile or load the kernels that the scene calls. Collective."""
+    features = features_of(scene)
+    if missing := on_root(comm, lambda: not_compiled(features)):
+        reporter.line(f"compiling {missing} kernels, once on this machine (up to 30 s)")
+    warm_up(comm, features)

@@ -16,6 +16,8 @@ from pdfem_mpi import __version__
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.peridynamics.fit.fit import BodyFit
+from pdfem_mpi.results.run_folder import read_history
+from pdfem_mpi.runs.failure_outcome import failure_outcome, failure_rows
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.notes import Findings
 from pdfem_mpi.system.exit_codes import RUN_STATUS
@@ -64,7 +66,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         "restarts": checkpoints.restarts,
         "seconds_of_all_starts": facts["seconds_of_all_starts"],
         **_of_bonds(scene, model, findings),
-        "failure": findings.failure,
+        "failure": _failure(march, findings),
         "bonds_cut_by_cracks": list(model.cut),
         "parts_at_start": {"count": simulation.case.parts.count, "not_held": len(simulation.case.unsupported)},
         "bonds_by_materials": named_pairs(share.materials.names, findings.bonds_by_material),
@@ -79,6 +81,19 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
             "numba": sys.modules["numba"].__version__,
         },
     }
+
+
+def _failure(march: March, findings: Findings) -> dict[str, Any] | None:
+    """The criterion, and what came of it."""
+    failure, simulation = march.simulation.failure, march.simulation
+    if failure is None or findings.failure is None:
+        return findings.failure
+    try:
+        history = read_history(march.outputs.history.history.path)
+    except (OSError, ValueError):
+        return findings.failure
+    units, program = simulation.share.units, simulation.state.program
+    return findings.failure | failure_outcome(history, program, failure, units, findings.failure)
 
 
 def _of_bonds(scene: Scene, model: Model, findings: Findings) -> dict[str, Any]:
@@ -150,6 +165,7 @@ def end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
         if solve["energy_error"] is not None:
             rows.append(("error in the energy norm, about", f"{solve['energy_error']:.2e}"))
         rows.append(("net internal force, moment", f"{balance['force']:.1e}, {balance['moment']:.1e} of the sums"))
+    rows += failure_rows(summary["failure"], scene)
     length = scene.units.length
     for name, value in summary["probes"].items():
         if isinstance(value, dict):

@@ -34,6 +34,8 @@ class Layout:
         Cells with free points, and nodes with unknowns, of the whole body.
     n_points : int
         Eight times the cells of the mesh: the lower ids of bonds are below it.
+    columns : int
+        Of the table of broken bonds: two ids, and a tooth where bonds soften.
     cells, nodes : int64
         Global numbers of this rank's, in the order of its unknowns.
     """
@@ -43,6 +45,7 @@ class Layout:
     n_points: int
     cells: np.ndarray
     nodes: np.ndarray
+    columns: int
 
     def tables(self, n_broken: int, wide: bool, fields: Iterable[str]) -> dict[str, tuple[int, int, np.dtype]]:
         """Names, rows, columns and types of all tables of a file; ``wide``: ids of broken bonds need 64 bits."""
@@ -50,11 +53,14 @@ class Layout:
         names = tuple(fields)
         tables = {f"points/{name}": (8 * self.n_cells, 3, double) for name in names}
         tables |= {f"nodes/{name}": (self.n_nodes, 3, double) for name in names}
-        return tables | {BROKEN: (n_broken, 2, np.dtype("<u8" if wide else "<u4"))}
+        return tables | {BROKEN: (n_broken, self.columns, np.dtype("<u8" if wide else "<u4"))}
 
 
-def make_layout(share: Share) -> Layout:
-    """Which rows are this rank's: cells with free points, and nodes with unknowns, in the order of the mesh."""
+def make_layout(share: Share, columns: int = 2) -> Layout:
+    """Which rows are this rank's: cells with free points, and nodes with unknowns, in the order of the mesh.
+
+    ``columns`` are those of broken bonds, see `columns_of_broken`.
+    """
     counts = share.counts
     return Layout(
         n_cells=counts.free_cells,
@@ -62,7 +68,13 @@ def make_layout(share: Share) -> Layout:
         n_points=8 * counts.cells,
         cells=share.free_row[share.subdomain.free],
         nodes=share.own_node_rows,
+        columns=columns,
     )
+
+
+def columns_of_broken(model: Model) -> int:
+    """Columns of the table of broken bonds: two ids and, where bonds soften, a tooth."""
+    return 3 if model.bonds and model.bonds.softened else 2
 
 
 def write_tables(
@@ -78,8 +90,8 @@ def write_tables(
     ----------
     fields : dict of float64 arrays, shape (n_unknowns,)
         Those of the state.
-    broken : int64, shape (n, 2)
-        Global ids ``i < j`` of the broken bonds that this rank computes, each bond on one rank.
+    broken : int64, shape (n, layout.columns)
+        Global ids ``i < j`` of the broken bonds that this rank computes, each bond on one rank; their teeth.
     writer : Writer or None
         Rank 0's, which keeps its errors to itself.
     """
@@ -132,7 +144,7 @@ def read_fields(model: Model, layout: Layout, state: State, reader: Reader | Non
 
 
 def read_broken(share: Share, model: Model, reader: Reader | None, schema: int) -> np.ndarray:
-    """Broken bonds with an end in a cell of this rank, int64, shape (n, 2); one may be on two ranks. Collective.
+    """Broken bonds with an end in a cell of this rank, int64, shape (n, columns); one may be on two ranks. Collective.
 
     Parameters
     ----------
@@ -145,9 +157,9 @@ def read_broken(share: Share, model: Model, reader: Reader | None, schema: int) 
         On all ranks.
     """
     comm = model.comm
-    total = broadcast(comm, reader.rows(BROKEN) if reader else 0)
+    total, columns = broadcast(comm, reader.shape(BROKEN) if reader else (0, 0))
     if not total or not model.points:
-        return np.empty((0, 2), np.int64)
+        return np.empty((0, columns), np.int64)
     own_cells = model.points.cell_number[: model.points.n_owned]
     owned = np.sort(share.own_point_rows if schema == 1 else own_cells)
 
@@ -156,7 +168,7 @@ def read_broken(share: Share, model: Model, reader: Reader | None, schema: int) 
 
     found = []
     for first in range(0, total, PAIRS):
-        pairs, message = np.empty((min(PAIRS, total - first), 2), np.int64), None
+        pairs, message = np.empty((min(PAIRS, total - first), columns), np.int64), None
         if reader:
             try:
                 pairs[:] = reader.read_rows(BROKEN, first, first + len(pairs))
@@ -167,7 +179,9 @@ def read_broken(share: Share, model: Model, reader: Reader | None, schema: int) 
         comm.Bcast(pairs)
         found.append(pairs[ours(pairs[:, 0]) | ours(pairs[:, 1])])
     pairs = np.concatenate(found)
-    return renumber(pairs, share) if schema == 1 else pairs
+    if schema == 1:
+        pairs[:, :2] = renumber(pairs[:, :2], share)
+    return pairs
 
 
 def renumber(ids: np.ndarray, share: Share) -> np.ndarray:

@@ -60,7 +60,7 @@ def describe_divergence(model: Model, found: str) -> str:
 
 @dataclass(frozen=True)
 class Sums:
-    """What one evaluation tells.
+    """What one evaluation found.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class Relaxation:
         try:
             sums = self._evaluate(state, external, load, failure)
         except NotFinite as error:
-            if not self.grown > DIVERGED:  # a number spoilt from outside, or a load that is none
+            if not self.grown > DIVERGED:  # NaN in the state or in the loads
                 raise
             text = f"after {state.iteration} iterations {str(error).rstrip('.')}"
             raise NotConverged(describe_divergence(self.forces.model, text)) from error

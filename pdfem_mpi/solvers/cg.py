@@ -1,11 +1,12 @@
 """Preconditioned conjugate gradients on the scene's exact tangent.
 
-Linear kinematics need one solve, finite kinematics inexact Newton steps on the tangent of the finite bond forces: each
-solve ends where the tangent stops being true, as the last step's disagreement of true and recursive residual tells.
+Linear kinematics need one solve, finite kinematics inexact Newton steps on the tangent of the finite bond forces. Each
+solve ends where the tangent is no longer good enough, judged by how far true and recursive residual differed after the
+last step.
 
 The recurrences are those of Chronopoulos and Gear, whose dot products of an iteration are taken together after the one
-sweep; the norm of the next residual is summed while the vectors are updated, so that no sweep is spent on finding that
-nothing is left to do. Sums are exact, so iterates have the same bits on any number of ranks. The recursive residual is
+sweep; the norm of the next residual is summed while the vectors are updated, so that convergence is noticed without
+another sweep. Sums are exact, so iterates have the same bits on any number of ranks. The recursive residual is
 never trusted alone: convergence is declared on the true one.
 
 References
@@ -18,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 import numpy as np
 
@@ -74,68 +75,117 @@ def solve(
     NotFinite
         On all ranks alike.
     """
-    u, comm = state.u, forces.model.comm
-    finite = forces.model.finite
-    if finite:
-        tangent = Forces(forces.model, tangent=True, seconds=forces.seconds, swept=forces.swept)
-    else:
-        tangent = forces.with_own_bounds()
-    residual = np.empty_like(u)
-    start, norm, forcing, largest_met = forces.evaluations, math.inf, FIRST_FORCING, 0.0
+    u, finite, start = state.u, forces.model.finite, forces.evaluations
+    tangent = _tangent_of(forces)
     sequence = Sequence(tangent, fixed, preconditioner, np.zeros_like(u))
-    rise = _Rise()
-
-    at_rest = float(largest(comm, np.array([np.abs(u).max(initial=0.0)]))[0]) == 0.0
+    balance, rise, forcing = _Balance(forces, external, fixed), _Rise(), LINEAR_REDUCTION
+    at_rest = float(largest(forces.model.comm, np.array([np.abs(u).max(initial=0.0)]))[0]) == 0.0
     while True:
-        if at_rest:
-            residual[:] = external  # no internal forces: nothing to evaluate
-        else:
-            with rise.guarded(u):
-                forces.evaluate_surely(u, external, residual)
-        internal = external - residual
-        reaction = np.where(fixed, residual, 0.0)
-        residual[fixed] = 0.0
-        square, load, held, energy = exact_dots(
-            comm, [(residual, residual), (external, external), (reaction, reaction), (u, internal)]
-        )
-        if not math.isfinite(square):
-            with rise.guarded(u):
-                raise NotFinite(describe_not_finite(forces.model, u, residual))
-        largest_met = max(largest_met, load, held)
-        reference = math.sqrt(max(load, held, FORCELESS**2 * largest_met)) or 1.0
-        before, norm = norm, math.sqrt(square)
-        relative = norm / reference
-        watch(Progress(state.iteration, relative, 0.0, (sequence, residual, internal, reaction)))
+        with rise.guarded(u):
+            balance.look(u, at_rest)
+        norm, relative = balance.norm, balance.relative
+        watch(Progress(state.iteration, relative, 0.0, (sequence, *balance.arrays)))
         if relative <= tolerance and not at_rest:
-            return Convergence(forces.evaluations - start, relative, sequence.relative_energy_error(energy))
-        if at_rest and square == 0.0:
+            energy_error = sequence.relative_energy_error(balance.energy)
+            return Convergence(forces.evaluations - start, relative, energy_error)
+        if at_rest and norm == 0.0:
             return Convergence(forces.evaluations - start, 0.0, 0.0)
-        if finite and relative > NEWTON_FLOOR:
-            rise.follow(u, sequence.x, before, norm, reference)
-        if norm > STAGNATION * before and not (finite and relative > NEWTON_FLOOR):
+        newton = finite and relative > NEWTON_FLOOR
+        if newton:
+            rise.follow(u, sequence.x, balance)
+        elif norm > STAGNATION * balance.before:
             raise NotConverged(
                 f"conjugate gradients stagnate at a relative residual of {relative:.3g}, above solver.tolerance = "
                 f"{tolerance:.3g}: {sequence.obstacle() or 'round-off. Allow a larger tolerance.'}"
             )
         if finite:
-            if sequence.first_norm:
-                forcing = abs(norm - sequence.norm) * norm / sequence.first_norm**2
-                forcing = min(max(forcing, LEAST_FORCING), MOST_FORCING)
+            forcing = _next_forcing(sequence, norm)
             tangent.linearise(u, 0.0 if at_rest else forces.bounds.bond)
-        goal = max(SAFETY * tolerance * reference, (forcing if finite else LINEAR_REDUCTION) * norm)
-        try:
-            with rise.guarded(u):
-                sequence.run(
-                    residual, norm, goal, max_evaluations - (forces.evaluations - start), ROUND_OFF * reference,
-                    lambda norm: _told(watch, state, norm / reference),  # noqa: B023 - called within this turn
-                )  # fmt: skip
-        finally:
-            forces.evaluations += tangent.evaluations
-            tangent.evaluations = 0
+        goal = max(SAFETY * tolerance * balance.reference, forcing * norm)
+        left = max_evaluations - (forces.evaluations - start)
+        observe = _observer(watch, state, balance.reference)
+        with _counted_by(forces, tangent), rise.guarded(u):
+            sequence.run(balance.residual, norm, goal, left, ROUND_OFF * balance.reference, observe)
         u += sequence.x
         if not finite:
             forces.bounds.expect(sequence.reach(), at_rest)
         at_rest = False
+
+
+def _tangent_of(forces: Forces) -> Forces:
+    """Forces that the sequences work on: linear ones on the same table, or the tangent of finite ones."""
+    if forces.model.finite:
+        return Forces(forces.model, tangent=True, seconds=forces.seconds, swept=forces.swept)
+    return forces.with_own_bounds()
+
+
+@contextmanager
+def _counted_by(forces: Forces, tangent: Forces) -> Iterator[None]:
+    """Count the evaluations of the tangent inside as the forces' own."""
+    try:
+        yield
+    finally:
+        forces.evaluations += tangent.evaluations
+        tangent.evaluations = 0
+
+
+def _next_forcing(sequence: Sequence, norm: float) -> float:
+    """Reduction at which the next Newton step ends, from the last one's disagreement of true and recursive residual."""
+    if not sequence.first_norm:
+        return FIRST_FORCING
+    forcing = abs(norm - sequence.norm) * norm / sequence.first_norm**2
+    return min(max(forcing, LEAST_FORCING), MOST_FORCING)
+
+
+class _Balance:
+    """True residuals under constant loads, and what they are relative to.
+
+    Attributes
+    ----------
+    residual, internal, reaction : float64, shape (n_unknowns,), dimension force
+        At the last displacements looked at; the residual is 0 on fixed unknowns, the reaction on all others.
+    norm, before : float, dimension force
+        Of the residual, and of the one looked at before.
+    reference, relative : float
+        What the norm is compared with, and their ratio.
+    energy : float, dimension force length
+        ``u . internal``.
+    """
+
+    def __init__(self, forces: Forces, external: np.ndarray, fixed: np.ndarray):
+        self.forces, self.external, self.fixed = forces, external, fixed
+        self.residual = np.empty_like(external)
+        self.norm, self._largest = math.inf, 0.0
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """What it holds, for counting memory."""
+        return self.residual, self.internal, self.reaction
+
+    def look(self, u: np.ndarray, at_rest: bool) -> None:
+        """Evaluate the residual at ``u``; a body at rest has no internal forces, and nothing is evaluated. Collective.
+
+        Raises
+        ------
+        NotFinite
+            On all ranks alike.
+        """
+        residual, external = self.residual, self.external
+        if at_rest:
+            residual[:] = external
+        else:
+            self.forces.evaluate_surely(u, external, residual)
+        self.internal = external - residual
+        self.reaction = np.where(self.fixed, residual, 0.0)
+        residual[self.fixed] = 0.0
+        pairs = (residual, residual), (external, external), (self.reaction, self.reaction), (u, self.internal)
+        square, load, held, self.energy = exact_dots(self.forces.model.comm, pairs)
+        if not math.isfinite(square):
+            raise NotFinite(describe_not_finite(self.forces.model, u, residual))
+        self._largest = max(self._largest, load, held)
+        self.reference = math.sqrt(max(load, held, FORCELESS**2 * self._largest)) or 1.0
+        self.before, self.norm = self.norm, math.sqrt(square)
+        self.relative = self.norm / self.reference
 
 
 class _Rise:
@@ -144,7 +194,7 @@ class _Rise:
     def __init__(self) -> None:
         self.count, self.norm, self.u = 0, math.inf, np.empty(0)
 
-    def follow(self, u: np.ndarray, step: np.ndarray, before: float, norm: float, reference: float) -> None:
+    def follow(self, u: np.ndarray, step: np.ndarray, balance: _Balance) -> None:
         """Look at the residual after a step.
 
         Raises
@@ -152,17 +202,17 @@ class _Rise:
         Breakdown
             It stayed above for too long; ``u`` is what it was before.
         """
-        if not norm > (self.norm if self.count else before):
+        if not balance.norm > (self.norm if self.count else balance.before):
             self.count = 0
             return
         if not self.count:
-            self.norm, self.u = before, u - step
+            self.norm, self.u = balance.before, u - step
         self.count += 1
         if self.count > MOST_RISES:
             u[:] = self.u
             raise Breakdown(
-                f"Newton steps raised the relative residual from {self.norm / reference:.3g} to "
-                f"{norm / reference:.3g}: the load is too large for one step, or the body is unstable."
+                f"Newton steps raised the relative residual from {self.norm / balance.reference:.3g} to "
+                f"{balance.relative:.3g}: the load is too large for one step, or the body is unstable."
             )
 
     @contextmanager
@@ -213,15 +263,17 @@ def improve(
     (square,) = exact_dots(forces.model.comm, [(residual, residual)])
     own = forces if forces.tangent else forces.with_own_bounds()
     sequence = Sequence(own, fixed, preconditioner, step)
-    try:
+    with nullcontext() if own is forces else _counted_by(forces, own):
         sequence.run(residual, math.sqrt(square), goal, sweeps, math.inf, lambda norm: None, stop=True)
-    finally:
-        if own is not forces:
-            forces.evaluations += own.evaluations
     first, last = exact_dots(forces.model.comm, [(step, before), (step, residual)])
     return float(first), float(last)
 
 
-def _told(watch, state: State, relative: float) -> None:
-    state.iteration += 1
-    watch(Progress(state.iteration, relative, 0.0))
+def _observer(watch: Callable[[Progress], None], state: State, reference: float) -> Callable[[float], None]:
+    """What counts the iterations of a sequence, and reports each."""
+
+    def observe(norm: float) -> None:
+        state.iteration += 1
+        watch(Progress(state.iteration, norm / reference, 0.0))
+
+    return observe

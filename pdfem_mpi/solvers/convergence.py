@@ -30,7 +30,7 @@ class Convergence:
 class Progress:
     """State of a solve, for whoever watches it.
 
-    ``work`` is what the solver holds while it works: for whoever counts its arrays, nobody else's to touch.
+    ``work`` are the arrays that the solver holds while it works: to be counted, and not to be changed.
     """
 
     iteration: int

@@ -26,7 +26,7 @@ from pdfem_mpi.solvers.preconditioner.preconditioner import Preconditioner, make
 class EquilibriumSolver:
     """Brings a state to equilibrium: ``solve(state, external, watch) -> Convergence``; made by `make_solver`.
 
-    Where conjugate gradients break down, relaxation goes on from there, and ``note`` is told.
+    Where conjugate gradients break down, relaxation goes on from there, and ``note`` is called with a sentence.
 
     Attributes
     ----------

@@ -28,7 +28,8 @@ class Report:
         From 1.
     event : str
         ``"step"``; of a ramp ``"ramp"`` and ``"end"``; of events ``"critical"`` (in equilibrium, the next bond is about
-        to break), ``"batch"`` (within an avalanche), ``"arrest"`` (in equilibrium again) and ``"end"``.
+        to break), ``"batch"`` (within an avalanche), ``"arrest"`` (in equilibrium again), ``"turn"`` (where the way of
+        the load turns) and ``"end"``.
     load_factor : float
     displacement : float, dimension length
         Largest prescribed displacement or, under forces alone, their work over ``case.load``.
@@ -36,6 +37,8 @@ class Report:
         Largest resultant of a support that moves (else of a support) or, without supports, the load.
     resultant : float64, shape (3,), dimension force
         Sum of the forces of all supports; mirror planes are none.
+    of_supports : float64, shape (n_supports, 3), dimension force
+        Force of each support on the body.
     convergence : Convergence
     force_balance, moment_balance : float, dimension 1
         Net internal force and moment, relative to the sums of their magnitudes. Of a part between mirror planes those
@@ -52,6 +55,8 @@ class Report:
         Pseudo-time of a program that has one.
     seconds : float
         Since the row before.
+    softened : int or None
+        Bonds that have softened and are not gone; None where none can.
     """
 
     step: int
@@ -60,6 +65,7 @@ class Report:
     displacement: float
     reaction: float
     resultant: np.ndarray
+    of_supports: np.ndarray
     convergence: Convergence
     force_balance: float
     moment_balance: float
@@ -73,6 +79,7 @@ class Report:
     elements: Deformation | None
     time: float | None
     seconds: float
+    softened: int | None = None
 
     @property
     def ledger_error(self) -> float | None:
@@ -140,6 +147,7 @@ class Reporter:
             displacement=displacement(forces, self.gauge, state),
             reaction=reaction(case, resultants, state.load_factor),
             resultant=resultants.sum(axis=0),
+            of_supports=resultants,
             convergence=convergence,
             force_balance=force_balance,
             moment_balance=moment_balance,
@@ -153,6 +161,7 @@ class Reporter:
             elements=elements,
             time=state.program.get("time"),
             seconds=now - state.began,
+            softened=getattr(failure, "soft", None),
         )
         state.program["told_broken"], state.began = broken, now
         return row

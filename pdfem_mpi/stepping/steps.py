@@ -40,8 +40,8 @@ def follow_steps(
         stop_requests.between(state)
         if time is not None and not (program.get("evaluations") or program.get("relaxing")):
             _go_along(state, factor)
-        external = factor * case.external
-        state.u[case.fixed] = factor * case.prescribed[case.fixed]
+        external, skipped = case.forces(factor), getattr(failure, "skipped", 0)
+        case.displace(state.u, factor)
         while True:
             try:
                 convergence = solve(state, external, partial(watch, step))
@@ -53,6 +53,11 @@ def follow_steps(
             if case.load and without_equilibrium(forces.model, case.fixed, external)[1]:
                 raise _in_pieces(forces.model, case, failure, factor, "")
             stop_requests.between(state)
+        if count := getattr(failure, "skipped", 0) - skipped:
+            solve.note(
+                f"at load factor {factor:.6g}, {count:,} bonds passed several teeth of their softening at once. Use "
+                'smaller steps, or follow failure from tooth to tooth: stepping.kind = "events".'
+            )
         remove_rigid_motion(forces.model, case, state.u)
         state.step, state.load_factor = step, factor
         if time is not None:

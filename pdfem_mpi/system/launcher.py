@@ -48,7 +48,7 @@ class Launch(NamedTuple):
 
 
 def launcher_variable(environ: Environment = os.environ) -> str | None:
-    """Return the variable that tells of a launcher, or None outside of one.
+    """Return the variable by which a launcher is recognised, or None outside of one.
 
     An interactive Slurm shell may be a step of one task itself; it is not a launcher that started ranks.
     """
@@ -60,7 +60,7 @@ def launcher_variable(environ: Environment = os.environ) -> str | None:
 
 
 def rank_by_launcher(environ: Environment = os.environ) -> int:
-    """Return this process' rank as the launcher tells it, 0 outside of one; for use before MPI starts."""
+    """Return this process' rank by the launcher's variable, 0 outside of one; for use before MPI starts."""
     if launcher_variable(environ) is not None:
         for name in RANK_VARIABLES:
             if environ.get(name, "").isdigit():

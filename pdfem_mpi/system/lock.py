@@ -107,7 +107,7 @@ class Lock:
 
 
 def owner_of(folder: Path) -> tuple[str, bool | None] | None:
-    """Who holds a folder, in words, and whether it lives (None: unknown); None if nobody does."""
+    """Which job holds a folder, in words, and whether it lives (None: unknown); None if no job does."""
     try:
         owner = _parse(_read(folder / NAME))
     except OSError:
@@ -116,7 +116,7 @@ def owner_of(folder: Path) -> tuple[str, bool | None] | None:
 
 
 def alive(owner: dict[str, Any]) -> bool | None:
-    """Whether the process lives; None if this host cannot tell."""
+    """Whether the process lives; None if that cannot be seen from this host."""
     if owner.get("host") != socket.gethostname() or not isinstance(owner.get("pid"), int):
         return None
     now = started(owner["pid"])

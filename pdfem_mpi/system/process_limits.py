@@ -1,6 +1,6 @@
 """What a process may take: its own limits, those of its container or job, and the room that MPI needs in /dev/shm.
 
-The computer's free memory says nothing about them, and who goes beyond is killed without a word.
+The computer's free memory says nothing about them, and a process that goes beyond is killed without a message.
 """
 
 from __future__ import annotations

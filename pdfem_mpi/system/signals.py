@@ -112,7 +112,7 @@ class Requests:
             time.sleep(0.1)  # a launcher that ends may drop the words that it has not passed on
             self.comm.Abort(code)
         elif self._launched:
-            # a launcher lets the other ranks wait for ever in the start of MPI when one has left with a code
+            # when one rank ends with an exit code, a launcher lets the others wait for ever in the start of MPI
             os.kill(os.getpid(), signal.SIGKILL)
         else:  # without clean-up: a compiler that runs in another thread would stumble over it
             os._exit(code)

@@ -8,22 +8,16 @@ from conventions.test_layers import MODULES, TREES
 MODULE, KERNEL_MODULE = 300, 450
 FUNCTION, KERNEL_FUNCTION = 60, 120
 CLASS = 150
-MOST_EXCEPTIONS = 10
+MOST_EXCEPTIONS = 4
 # What is longer, and how long it may be: entries go, and numbers fall.
 LONG_MODULES: dict[str, int] = {}
 LONG_FUNCTIONS = {
     "kernels.bond_sweeps._finite_sweep": 167,
     "kernels.bond_sweeps.add_bond_forces": 158,
-    "peridynamics.fit.equations.fit_factors": 78,
-    "peridynamics.fit.grid.make_factor_grid": 87,
-    "solvers.cg.solve": 86,
-    "solvers.preconditioner.coarse_grid.make_grid": 78,
 }
 LONG_CLASSES = {
     "model.forces.Forces": 210,
     "peridynamics.failure.Failure": 176,
-    "runs.checkpoints.CheckpointWriter": 190,
-    "runs.run._Run": 210,
 }
 
 

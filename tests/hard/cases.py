@@ -16,6 +16,7 @@ from hard.judges import (
     says,
     uniform_tension,
 )
+from hard.softening import CASES as SOFTENING
 from hard.suite import BAD_DECK, NOT_CONVERGED, Case, moved, scaled
 
 FITTED = "peridynamics.surface_correction=fitted"
@@ -618,4 +619,5 @@ CASES = (
     ),
 )
 
+CASES += SOFTENING
 NAMED = {case.name: case for case in CASES}

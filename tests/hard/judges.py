@@ -175,6 +175,37 @@ def broken(ledger: float | None = 1e-9, **limits: float) -> Judge:
     return compared(measure, ledger or 1.0)
 
 
+def softened(ledger: float = 1e-9, mirror: float | None = None) -> Judge:
+    """Bonds softened, with a ledger that closes; gone bonds are mirror images about x = ``mirror``."""
+
+    def measure(scene, outcome, others):
+        last = outcome.history[-1]
+        errors = [0.0 if last["softened_bonds"] + last["broken_bonds"] > 0 else np.inf]
+        errors += [abs(row["ledger_error"]) / ledger for row in outcome.history]
+        if mirror is not None:
+            gone = [row for row in outcome.history if row["broken_bonds"]]
+            errors += [abs(row["crack_x_min"] + row["crack_x_max"] - 2.0 * mirror) / 1e-9 for row in gone]
+        counts = f"{int(last['broken_bonds']):,} bonds gone, {int(last['softened_bonds']):,} softened"
+        return f"{last['event']} at load factor {last['load_factor']:.6g}, {counts}", max(errors) * ledger
+
+    return compared(measure, ledger)
+
+
+def snaps_back(ledger: float = 1e-9) -> Judge:
+    """Past its peak load the displacement falls, too, by a twentieth at least."""
+
+    def measure(scene, outcome, others):
+        rows = [row for row in outcome.history if row["event"] == "critical"]
+        peak = max(range(len(rows)), key=lambda k: rows[k]["reaction"])
+        least = min(row["displacement"] for row in rows[peak:])
+        errors = [abs(row["ledger_error"]) / ledger for row in outcome.history]
+        errors.append(0.0 if least < 0.95 * rows[peak]["displacement"] else np.inf)
+        text = f"peak at {rows[peak]['displacement']:.4g}, then back to {least:.4g}"
+        return text, max(errors) * ledger
+
+    return compared(measure, ledger)
+
+
 def nothing_moves() -> Judge:
     """No displacement at all."""
 

@@ -13,7 +13,7 @@ from pdfem_mpi.kernels.exact_sums import SIZE
 from pdfem_mpi.parallel.comm import sum_integers, world
 from pdfem_mpi.parallel.slabs import gather_rows
 from pdfem_mpi.parallel.traffic import TRAFFIC, join
-from pdfem_mpi.solvers.preconditioner.coarse_grid import grid_counts
+from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from support.bodies import build, make_scene

@@ -56,6 +56,7 @@ def strip(
     noise=0.0,
     seed=0,
     cells=CELLS,
+    band=1.0,
     poissons_ratio=0.25,
     **options,
 ):
@@ -67,11 +68,13 @@ def strip(
         Range along y.
     elements : int
         Layers of finite elements at each end.
+    band : float
+        Width of what may not fail beside them, or at the ends.
     stepping
         `Events` by default; ``options`` are theirs.
     """
     nx, ny, nz = (float(n) for n in cells)
-    middle, held = nx / 2.0, elements + 1.0
+    middle, held = nx / 2.0, elements + band
     regions = [
         Region(name="left", model="peridynamics", lower=(elements, 0, 0), upper=(held, ny, nz), may_fail=False),
         Region(name="middle", model="peridynamics", lower=(held, 0, 0), upper=(nx - held, ny, nz)),

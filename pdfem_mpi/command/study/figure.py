@@ -15,9 +15,13 @@ from pdfem_mpi.results.labels import attempt
 from pdfem_mpi.results.run_folder import numbers_of
 from pdfem_mpi.results.study_files import Series, draw_study
 
+#: What a study of bodies that fail is about.
+PEAK = "failure.peak.load"
+
 
 def choose_results(outcomes: Sequence[Outcome], wanted: Sequence[str]) -> list[str]:
-    """Names of the results to draw: those wanted, else what probes measured, else the number of evaluations.
+    """Names of the results to draw: those wanted, else peaks of bodies that fail and what probes measured, else the
+    number of evaluations.
 
     Raises
     ------
@@ -39,8 +43,10 @@ def choose_results(outcomes: Sequence[Outcome], wanted: Sequence[str]) -> list[s
     top = {name.rpartition("_")[0]: 0.0 for name in names}
     for name in names:
         top[name.rpartition("_")[0]] = max(top[name.rpartition("_")[0]], largest[name])
+    peaks = [PEAK] if any(PEAK in row for row in found) else []
     # components of a vector that symmetry makes 0 show round-off
-    return [name for name in names if largest[name] > 1e-6 * top[name.rpartition("_")[0]]] or ["solve.evaluations"]
+    shown = [name for name in names if largest[name] > 1e-6 * top[name.rpartition("_")[0]]]
+    return peaks + shown or ["solve.evaluations"]
 
 
 def draw(
@@ -77,6 +83,8 @@ def draw(
     failed = sum(outcome.status not in ("finished", "waiting") for outcome in outcomes)
     note = f"{failed} of {len(members)} members failed" if failed else ""
     units = {name: unit_of(scene, "length") for name in names if _is_displacement(scene, name)}
+    if PEAK in names:
+        units[PEAK] = unit_of(scene, "force")
     along = f"{key}{f' ({unit})' if unit else ''}"
     attempt(lambda: draw_study(path, series, along, units, scene.title, note), path, report)
 

@@ -26,7 +26,7 @@ class Outcome:
 
 
 def outcome_in(folder: Path, member: Member) -> Outcome:
-    """What the folder of a member tells: waiting, or how its run ended, if that was a run of the same deck."""
+    """How the run of a member ended, by its folder; waiting, where that holds no run of the same deck."""
     summary = read_summary(folder)
     if not summary or summary.get("deck_sha256") != member.sha256:
         return Outcome()

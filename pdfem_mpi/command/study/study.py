@@ -54,7 +54,7 @@ def run_study(
     wanted: Sequence[str] = (),
     interruption: Interruption | None = None,
 ) -> int:
-    """Run what is left of a study, keeping ``study.csv`` up to date, and draw it.
+    """Run the members of a study that have not finished, keeping ``study.csv`` up to date, and draw it.
 
     Returns
     -------

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -104,10 +105,8 @@ def fit_factors(
         Young's moduli in model units.
     areas : float64, shape (n_owned * 8, 3), dimension length^2
         Compatible area vectors of the owned points.
-    slack : bool, shape (n_owned * 8,)
-        Points that may miss their targets a little.
-    bounded : bool
-        Positive factors only.
+    slack, bounded : bool, shape (n_owned * 8,), and bool
+        Points that may miss their targets a little; positive factors only.
     make_grids : callable
         From a weight of the slack to each body's clusters among the owned ones, and its background grid.
     compatibility_change : float
@@ -115,52 +114,61 @@ def fit_factors(
 
     Returns
     -------
-    bonds : Bonds
-        The same rows, and their new extremes.
-    fit : Fit
+    bonds, fit : Bonds, Fit
+        The same rows with their new extremes.
     multipliers : list of float64, shape (n_clusters, 10, 4)
         Those of the fit, then those that undo the rounding; `write_factors` makes the same bonds from them.
     """
     operator = Operator(comm, points, bonds, modulus)
-    goal = targets(areas)
-    equations = _Equations(operator, goal, bounded, slack, make_grids)
+    equations = _Equations(operator, targets(areas), bounded, slack, make_grids)
     v, turns = equations.solve_bounded() if bounded else (equations.solve_free(), 1)
     multipliers = [v]
     held, smallest, top = operator.write(v, bounded)
-    nothing, in_slack = np.zeros_like(v), equations.in_slack
-    miss = goal - operator.moments(nothing, False)
+    miss = equations.miss_of_bonds()
     for fraction in LONG_BONDS:
-        v, reached = _undo_rounding(operator, equations.grids, np.where(in_slack, 0.0, miss), _nearest(bonds, fraction))
+        nearest, to_refine = _nearest(bonds, fraction), np.where(equations.in_slack, 0.0, miss)
+        v, reached = _undo_rounding(operator, equations.grids, to_refine, nearest)
         if not reached <= LEAST_REFINEMENT:
             break
         multipliers.append(v)
-        held += operator.write(v, bounded, _nearest(bonds, fraction))[0]
-        miss = goal - operator.moments(nothing, False)
-
-    scale = float(largest(comm, np.array([np.abs(goal).max(initial=0.0)]))[0]) or 1.0
-    parts = [np.where(in_slack, 0.0, miss), np.where(in_slack, miss, 0.0)]
-    peaks = largest(comm, np.array([np.abs(part).max(initial=0.0) for part in parts])) / scale
-    of_bodies = np.array([np.abs(miss[clusters]).max(initial=0.0) for clusters, _ in equations.grids])
-    counts = np.array([np.count_nonzero(~slack), np.count_nonzero(slack), bonds.count])
-    outside, inside, n_bonds = sum_integers(comm, counts).tolist()
-    squares = exact_dots(comm, ((part, part) for part in parts))
-    means = [math.sqrt(q / (N * max(n, 1))) / scale for q, n in zip(squares, (outside, inside), strict=True)]
+        held += operator.write(v, bounded, nearest)[0]
+        miss = equations.miss_of_bonds()
     fit = Fit(
         signs="bounded" if bounded else "free",
         sweeps=operator.sweeps,
         turns=turns,
-        residual=float(peaks[0]),
-        residual_in_slack=float(peaks[1]),
-        residual_rms=means[0],
-        residual_rms_in_slack=means[1],
-        residual_of_bodies=tuple((largest(comm, of_bodies) / scale).tolist()),
-        slack_points=inside,
+        **_residuals(equations, miss),
         smallest_factor=smallest,
         largest_factor=top,
-        share_at_bound=held / max(n_bonds, 1),
+        share_at_bound=held / max(int(sum_integers(comm, np.array([bonds.count]))[0]), 1),
         compatibility_change=compatibility_change,
     )
     return operator.bonds, fit, multipliers
+
+
+def _residuals(equations: _Equations, miss: np.ndarray) -> dict[str, Any]:
+    """What is left of the equations over the largest of their targets, outside of the slack and in it. Collective.
+
+    Parameters
+    ----------
+    miss : float64, shape (n_clusters, 10, 4)
+    """
+    comm, goal, slack, in_slack = equations.comm, equations.goal, equations.slack, equations.in_slack
+    scale = float(largest(comm, np.array([np.abs(goal).max(initial=0.0)]))[0]) or 1.0
+    parts = [np.where(in_slack, 0.0, miss), np.where(in_slack, miss, 0.0)]
+    peaks = largest(comm, np.array([np.abs(part).max(initial=0.0) for part in parts])) / scale
+    of_bodies = np.array([np.abs(miss[clusters]).max(initial=0.0) for clusters, _ in equations.grids])
+    counts = sum_integers(comm, np.array([np.count_nonzero(~slack), np.count_nonzero(slack)])).tolist()
+    squares = exact_dots(comm, ((part, part) for part in parts))
+    means = [math.sqrt(q / (N * max(n, 1))) / scale for q, n in zip(squares, counts, strict=True)]
+    return {
+        "residual": float(peaks[0]),
+        "residual_in_slack": float(peaks[1]),
+        "residual_rms": means[0],
+        "residual_rms_in_slack": means[1],
+        "residual_of_bodies": tuple((largest(comm, of_bodies) / scale).tolist()),
+        "slack_points": counts[1],
+    }
 
 
 def write_factors(
@@ -255,6 +263,10 @@ class _Equations:
                 miss = self._miss(v)
                 size = math.sqrt(exact_dots(self.comm, [(miss, miss)])[0])
         return v, turns
+
+    def miss_of_bonds(self) -> np.ndarray:
+        """What the bonds leave of the equations as they are written."""
+        return self.goal - self.operator.moments(np.zeros_like(self.goal), False)
 
     def _miss(self, v: np.ndarray) -> np.ndarray:
         """What is left of the equations; marks the bonds whose factors are held at 0."""

@@ -27,7 +27,8 @@ from pdfem_mpi.peridynamics.points import Points
 VERSION = 9
 #: Sweeps over the bonds that a fit takes on bodies of cubes, and bonds a second and core, all work between included.
 EXPECTED_SWEEPS, SWEEP_RATE = {"free": 180, "bounded": 330}, 7.5e7
-#: A residual above this is told, and above that a fit does not serve: a few of its factors are hundreds and more.
+#: The run warns of a residual above the first, and does not use a fit above the second: some factors are then in the
+#: hundreds.
 POOR, USELESS = 1e-6, 1e-2
 
 

@@ -139,16 +139,56 @@ def make_factor_grid(
     if not sum_integers(comm, np.array([np.count_nonzero(slack)]))[0]:
         omega = 0.0
 
+    moments = _moments(comm, x, volume, (lower, inverse_h, counts), slack, bool(omega))
+    used, number, matrix = _assemble(moments, counts, inverse_h, tensor(cutoff), omega)
+    index = np.stack(np.unravel_index(used, 2 * counts + 1), axis=1)
+    return FactorGrid(
+        n_points=n,
+        x=x,
+        lower=lower,
+        inverse_h=inverse_h,
+        counts=counts,
+        number=number,
+        factor=factorise(matrix, dissect(counts, number)),
+        # a slack holds them all
+        free=np.zeros((N * len(used), 0)) if omega else free_motions(index * (0.5 / inverse_h)),
+    )
+
+
+def _moments(comm, x: np.ndarray, volume: np.ndarray, place, slack: np.ndarray, with_slack: bool) -> np.ndarray:
+    """Moments of the points' volumes in each element and, where asked for, of the number of points with slack.
+
+    ``place`` are the grid's lower corner, inverse lengths and counts. Collective.
+
+    Returns
+    -------
+    float64, shape (n_elements, 2, 125)
+    """
+    lower, inverse_h, counts = place
     scaled = (x.reshape(-1, 3, W).swapaxes(1, 2).reshape(-1, 3) - lower) * inverse_h
     index = np.clip(np.floor(scaled).astype(np.int64), 0, counts - 1)
     where = (index[:, 0] * counts[1] + index[:, 1]) * counts[2] + index[:, 2]
     moments = np.zeros((int(np.prod(counts)), 2, 125), np.int64)
     quantum = np.full(len(moments), MOMENT_QUANTUM)
     add_moments(moments[:, 0], where, scaled - index, volume, quantum)
-    if omega:
+    if with_slack:
         add_moments(moments[:, 1], where[slack], (scaled - index)[slack], np.ones(np.count_nonzero(slack)), quantum)
-    moments = sum_integers(comm, moments) * MOMENT_QUANTUM
+    return sum_integers(comm, moments) * MOMENT_QUANTUM
 
+
+def _assemble(
+    moments: np.ndarray, counts: np.ndarray, inverse_h: np.ndarray, of_bonds: np.ndarray, omega: float
+) -> tuple[np.ndarray, np.ndarray, BlockMatrix]:
+    """The operator on the grid's functions.
+
+    Returns
+    -------
+    used : int64, shape (n_nodes,)
+        Grid nodes that touch the body.
+    number : int64, shape (n_grid_nodes,)
+        Their numbers, -1 for others.
+    matrix : BlockMatrix
+    """
     active = moments[:, 0, 0] > 0.0
     cells = cell_nodes(counts, 2)[active]
     number = np.full(int(np.prod(2 * counts + 1)), -1)
@@ -164,7 +204,7 @@ def make_factor_grid(
 
     axes = [(d, e) for d in range(3) for e in range(3)]
     values = [inverse_h[d] * inverse_h[e] * assembled((d, e), moments[:, 0]) for d, e in axes]
-    tables = tensor(cutoff).reshape(9, N, N)
+    tables = of_bonds.reshape(9, N, N)
     if omega:
         values.append(omega * assembled((None, None), moments[:, 1]))
         tables = np.concatenate([tables, np.eye(N)[None]])
@@ -178,18 +218,7 @@ def make_factor_grid(
         tables=tables,
         raised=PIN * np.maximum(diagonal, diagonal.mean()),
     )
-    index = np.stack(np.unravel_index(used, 2 * counts + 1), axis=1)
-    return FactorGrid(
-        n_points=n,
-        x=x,
-        lower=lower,
-        inverse_h=inverse_h,
-        counts=counts,
-        number=number,
-        factor=factorise(matrix, dissect(counts, number)),
-        # a slack holds them all
-        free=np.zeros((N * n_nodes, 0)) if omega else free_motions(index * (0.5 / inverse_h)),
-    )
+    return used, number, matrix
 
 
 def grid_counts(extent: np.ndarray, edge: float, most_entries: float = MOST_ENTRIES) -> np.ndarray:

@@ -3,7 +3,7 @@
 The grid's trilinear functions need not follow the mesh. Their stiffness is integrated at the Gauss points of all
 cells, through the 27 moments of each grid cell. The moments are order-independent sums on rank 0, which alone has the
 grid, factorises and solves; the other ranks know the grid cells and grid nodes that their own points and nodes touch,
-and exchange integers with it. Where factors would outgrow ``MOST_FILL``, one symmetric
+and exchange integers with it. Where factors would outgrow `nested_grids.MOST_FILL`, one symmetric
 multigrid cycle over nested grids takes the place of the direct solve, down to a grid that can be factorised.
 """
 
@@ -23,13 +23,9 @@ from pdfem_mpi.mesh.background_grid import CORNERS, add_moments, cell_nodes, mom
 from pdfem_mpi.mesh.rigid_motions import rigid_motions
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.halo import Halo, build_halo
-from pdfem_mpi.solvers.preconditioner.levels import DAMPING, Level, factorise, solve
+from pdfem_mpi.solvers.preconditioner.levels import Level, solve
+from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts, nested_levels
 
-#: Spacing of the grid in cell edges; of bodies with more cells than that, the wider one: a third of the grid's work and
-#: memory for one or two iterations more (docs/scaling.md).
-COARSENING, WIDER, MANY_CELLS = 2.0, 3.0, 50_000
-#: Most entries of the factor, 8 bytes each on every rank: unknowns times half a band.
-MOST_FILL = 2.5e7
 #: Added to the diagonal, relative: pins the rigid motions of free bodies.
 PIN = 1e-8
 #: Moments are rounded to this fraction of a cell of unit volume, and of the stiffest material in the grid cell.
@@ -102,39 +98,20 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
         Rigid motions that nothing holds, as combinations of translations and rotations.
     """
     comm, nodes, subdomain = intact.comm, intact.nodes, intact.subdomain
-    positions, cells = share.nodes, share.mesh.cells
-    lower, upper = share.lower, share.upper
+    lower = share.lower
     counts, n_halvings = grid_counts(share)
-    h = (upper - lower) / counts
+    h = (share.upper - lower) / counts
 
     own = subdomain.elements
-    points = gauss_positions(positions[cells[own]])
+    points = gauss_positions(share.nodes[share.mesh.cells[own]])
     where, xi = _locate(points.reshape(-1, 3), lower, h, counts)
     own_cell, _ = _locate(nodes.x[: nodes.n_owned], lower, h, counts)
     known = np.arange(int(np.prod(counts))) if comm.rank == 0 else np.unique(np.concatenate([where, own_cell]))
     halo = _halo_of_rank_0(comm, known)
-    where = np.searchsorted(known, where)
-    modulus, nu = (np.repeat(v[own], 8) for v in (share.youngs_modulus, share.poissons_ratio))
-    softest = np.zeros(len(known))  # of the negative moduli: the halo knows the smallest
-    np.minimum.at(softest, where, -modulus)
-    halo.scatter_smallest(softest)
-    stiffest = -softest
-    quantum = MOMENT_QUANTUM * _power_of_two(stiffest)
     ratios = np.unique(share.materials.poissons_ratio)
-    moments = np.zeros((len(known), len(ratios) + 3, 27), np.int64)
-    terms = modulus * gauss_volumes(positions[cells[own]]).reshape(-1)
-    for k, ratio in enumerate(ratios):
-        same = nu == ratio
-        add_moments(moments[:, k], where[same], xi[same], terms[same], quantum)
+    stiffest, quantum, moments = _moments_of_cells(share, own, np.searchsorted(known, where), xi, halo, ratios)
 
-    # a node belongs to its own grid cell or, where the body leaves that empty, to the one of a Gauss point beside it;
-    # always taking the latter would make the grid's functions of a mirror-symmetric body unsymmetric
-    beside = np.zeros((len(positions), 3))
-    for g, signs in enumerate(GAUSS_POINTS > 0):
-        a = [0, 1, 3, 2][signs[0] + 2 * signs[1]] + 4 * signs[2]
-        lowest_last = np.argsort(own)[::-1]
-        beside[cells[own[lowest_last], a]] = points[lowest_last, g]
-    where, _ = _locate(beside[subdomain.owned_nodes], lower, h, counts)
+    where, _ = _locate(_points_beside(share, own, points)[subdomain.owned_nodes], lower, h, counts)
     where = np.where((stiffest > 0.0)[np.searchsorted(known, own_cell)], own_cell, where)
     xi = (nodes.x[: nodes.n_owned] - lower) / h - np.stack(np.unravel_index(where, counts), axis=1)
     of_node = np.searchsorted(known, where)
@@ -154,7 +131,7 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
         known = np.flatnonzero(number >= 0)
         index = np.stack(np.unravel_index(known, counts + 1), axis=1)
         free = np.linalg.qr((motions @ rigid_motions(lower + index * h).reshape(6, -1)).T)[0]
-        levels = _nested_levels(number, matrix, counts, n_halvings)
+        levels = nested_levels(number, matrix, counts, n_halvings)
     weights = np.ones((len(where), 8))
     for d in range(3):
         weights *= np.where(CORNERS[:, d], xi[:, d, None], 1.0 - xi[:, d, None])
@@ -162,87 +139,58 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
     return Grid(places, weights, _halo_of_rank_0(comm, known), levels, free)
 
 
+def _moments_of_cells(share: Share, own: np.ndarray, where: np.ndarray, xi: np.ndarray, halo: Halo, ratios: np.ndarray):
+    """What the Gauss points of the rank's cells give to the grid cells that it knows. Collective.
+
+    Parameters
+    ----------
+    own : int64
+        The rank's cells.
+    where, xi : int64, shape (n,), and float64, shape (n, 3)
+        Grid cell of each Gauss point, and coordinates in it from 0 to 1.
+    ratios : float64, shape (n_ratios,)
+        Poisson's ratios of the body.
+
+    Returns
+    -------
+    stiffest, quantum : float64, shape (n_known,)
+        Largest Young's modulus in each grid cell, on all ranks, and what its moments are rounded to.
+    moments : int64, shape (n_known, n_ratios + 3, 27)
+        Of Young's modulus for each of Poisson's ratios, of this rank; the last three are 0.
+    """
+    modulus, nu = (np.repeat(v[own], 8) for v in (share.youngs_modulus, share.poissons_ratio))
+    softest = np.zeros(halo.n_owned + halo.n_ghost)  # of the negative moduli: the halo knows the smallest
+    np.minimum.at(softest, where, -modulus)
+    halo.scatter_smallest(softest)
+    stiffest = -softest
+    quantum = MOMENT_QUANTUM * _power_of_two(stiffest)
+    moments = np.zeros((len(stiffest), len(ratios) + 3, 27), np.int64)
+    terms = modulus * gauss_volumes(share.nodes[share.mesh.cells[own]]).reshape(-1)
+    for k, ratio in enumerate(ratios):
+        same = nu == ratio
+        add_moments(moments[:, k], where[same], xi[same], terms[same], quantum)
+    return stiffest, quantum, moments
+
+
+def _points_beside(share: Share, own: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """A Gauss point beside each node, of the first of its cells on this rank; float64, shape (n_nodes, 3).
+
+    A node belongs to its own grid cell or, where the body leaves that empty, to the one of this point; always taking
+    the latter would make the grid's functions of a mirror-symmetric body unsymmetric.
+    """
+    beside = np.zeros((len(share.nodes), 3))
+    lowest_last = np.argsort(own)[::-1]
+    for g, signs in enumerate(GAUSS_POINTS > 0):
+        a = [0, 1, 3, 2][signs[0] + 2 * signs[1]] + 4 * signs[2]
+        beside[share.mesh.cells[own[lowest_last], a]] = points[lowest_last, g]
+    return beside
+
+
 def _halo_of_rank_0(comm, known: np.ndarray) -> Halo:
     """Exchange of grid cells or nodes by number: rank 0 owns all of them, others see some. Collective."""
     none = np.empty(0, np.int64)
     owned, ghosts = (known, none) if comm.rank == 0 else (none, known)
     return build_halo(comm, owned, ghosts, np.zeros(len(ghosts), np.int32))
-
-
-def _nested_levels(number: np.ndarray, matrix, counts: np.ndarray, n_halvings: int) -> tuple[Level, ...]:
-    """Levels from the finest grid to the one that is factorised."""
-    levels = []
-    for _ in range(n_halvings):
-        below, prolongation = _prolongation(number, counts)
-        levels.append(Level(None, matrix.tocsr(), DAMPING / matrix.diagonal(), prolongation))
-        matrix = prolongation.T @ matrix @ prolongation
-        number, counts = below, _halved(counts, 1)
-    levels.append(Level(factorise(matrix, number, counts)))
-    return tuple(levels)
-
-
-def grid_counts(share: Share) -> tuple[np.ndarray, int]:
-    """Cells of the grid along the axes, int64 (3,), and how often they are halved; by the whole body alone."""
-    spacing = share.typical_edge * (WIDER if share.counts.cells > MANY_CELLS else COARSENING)
-    counts = np.maximum(1, np.rint((share.upper - share.lower) / spacing)).astype(np.int64)
-    n_halvings = 0
-    while _fill(_halved(counts, n_halvings)) > MOST_FILL:
-        n_halvings += 1
-    return _nested(counts, n_halvings), n_halvings
-
-
-def _halved(counts: np.ndarray, times: int) -> np.ndarray:
-    """Cells along each axis of the grid ``times`` levels coarser; an axis of one cell stays."""
-    for _ in range(times):
-        counts = (counts + 1) // 2
-    return counts
-
-
-def _nested(counts: np.ndarray, times: int) -> np.ndarray:
-    """The next larger counts that can be halved so often, where they are not 1."""
-    coarsest = _halved(counts, times)
-    return np.where(counts == 1, 1, coarsest * 2**times)
-
-
-def _fill(counts: np.ndarray) -> float:
-    """Entries of the factor: unknowns times half the band, which the two shorter axes set."""
-    nodes = np.sort(counts + 1).astype(float)
-    return 9.0 * float(np.prod(nodes)) * nodes[0] * nodes[1]
-
-
-def _prolongation(number: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, sparse.csr_array]:
-    """Trilinear interpolation from the grid of half the cells.
-
-    Parameters
-    ----------
-    number : int64, shape (n_grid_nodes,)
-        Numbers of the grid nodes in use, -1 elsewhere.
-    counts : int64, shape (3,)
-
-    Returns
-    -------
-    number : int64, shape (n_coarser_grid_nodes,)
-    prolongation : sparse, shape (n_unknowns, n_coarser_unknowns)
-    """
-    coarser = _halved(counts, 1)
-    ratio = np.where(counts == coarser, 1, 2)
-    index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
-    base, odd = index // ratio, index % ratio
-    rows, columns, weights = [], [], []
-    for corner in CORNERS:
-        # an odd node lies half-way between two coarser ones, an even one on one of them
-        used = ((corner == 0) | (odd == 1)).all(axis=1)
-        node = base[used] + corner
-        rows.append(np.flatnonzero(used))
-        columns.append((node[:, 0] * (coarser[1] + 1) + node[:, 1]) * (coarser[2] + 1) + node[:, 2])
-        weights.append(np.prod(np.where(odd[used] == 1, 0.5, 1.0), axis=1))
-    columns = np.concatenate(columns)
-    below = np.full(int(np.prod(coarser + 1)), -1)
-    below[np.unique(columns)] = np.arange(len(np.unique(columns)))
-    scalar = sparse.coo_array(
-        (np.concatenate(weights), (np.concatenate(rows), below[columns])), shape=(len(index), int(below.max()) + 1)
-    )
-    return below, sparse.csr_array(sparse.kron(scalar, sparse.eye_array(3)))
 
 
 def _locate(x: np.ndarray, lower, h, counts) -> tuple[np.ndarray, np.ndarray]:

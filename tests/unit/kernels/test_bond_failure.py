@@ -91,7 +91,7 @@ def test_largest_ratio_passes_over_broken_bonds(finite):
     s = stretches(whole, u, pairs, finite)[0]
     order = np.argsort(s)
     worst = pairs[order[-1:]]
-    assert bond_failure.break_listed(worst, *rows.arrays, finite, *records(1)) == 1
+    assert bond_failure.break_listed(worst, *rows.arrays, finite, *records(1), np.empty(1, np.int64)) == 1
     found = bond_failure.largest_ratio(*rows.arrays, table, class_of, inverse, finite, 0.0, np.inf)
     assert found == pytest.approx(float(s[order[-2]]), rel=SINGLE if finite else ROUND_OFF)
 
@@ -217,8 +217,10 @@ def test_break_listed(finite, cells):
     wanted[::2] = wanted[::2, ::-1]
     stranger = np.array([[0, 0]])  # no bond joins a point with itself
     pairs, strengths = records(len(chosen) + 1)
-    count = bond_failure.break_listed(np.concatenate([wanted, stranger]), *rows.arrays, finite, pairs, strengths)
+    found, listed = np.empty(len(chosen) + 1, np.int64), np.concatenate([wanted, stranger])
+    count = bond_failure.break_listed(listed, *rows.arrays, finite, pairs, strengths, found)
     assert count == len(chosen)
+    assert (np.sort(wanted[found[:count]], axis=1) == np.sort(pairs[:count], axis=1)).all()
     assert (np.sort(pairs[:count], axis=1) == np.sort(wanted, axis=1)).all()
     assert (strengths[:count, : stored.shape[1]] == stored[chosen]).all()
     left = np.setdiff1d(np.arange(len(i)), chosen)
@@ -226,7 +228,7 @@ def test_break_listed(finite, cells):
     assert (after[0] == i[left]).all()
     assert (after[1] == j[left]).all()
     assert (after[2] == stored[left]).all()
-    assert bond_failure.break_listed(wanted, *rows.arrays, finite, *records(len(wanted))) == 0  # once only
+    assert bond_failure.break_listed(wanted, *rows.arrays, finite, *records(len(wanted)), found) == 0  # once only
 
 
 # --- blocks of broken bonds
@@ -258,7 +260,8 @@ def test_broken_blocks_are_what_the_blocks_lose(finite, cells):
         i, j, _ = slots(share, share.bonds.interior)
         wanted = np.stack([i, j], axis=1)[::3].copy()
         pairs, strengths = records(len(wanted))
-        assert bond_failure.break_listed(wanted, *share.bonds.interior.arrays, finite, pairs, strengths) == len(wanted)
+        arrays, found = share.bonds.interior.arrays, np.empty(len(wanted), np.int64)
+        assert bond_failure.break_listed(wanted, *arrays, finite, pairs, strengths, found) == len(wanted)
         lost = np.zeros_like(before).reshape(-1)
         bond_failure.add_broken_blocks(pairs, strengths, share.points.x, finite, pattern, lost)
         assert (before - lost.reshape(before.shape) == blocks(share, pattern)).all()

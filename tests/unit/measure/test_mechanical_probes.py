@@ -135,7 +135,10 @@ def test_between_mirror_planes_a_cut_tells_what_a_side_knows(symmetry):
 
 
 def test_files_have_what_probes_read(tmp_path):
-    text = BAR + cut("middle", (5.9, 1.0, 1.0)) + """
+    text = (
+        BAR
+        + cut("middle", (5.9, 1.0, 1.0))
+        + """
 [[probes]]
 kind = "line"
 name = "axis"
@@ -150,6 +153,7 @@ point = [1.1, 0.9, 1.7]
 [stepping]
 load_factors = [0.5, 1.0]
 """
+    )
     folder = pdfem.run(parse_deck(text, "bar.toml"), tmp_path / "run")
     np.testing.assert_allclose(folder.history["middle.force_x"], [0.5 * LOAD, LOAD], rtol=EQUILIBRIUM)
     assert folder.summary["probes"]["middle"]["force"][0] == folder.history["middle.force_x"][-1]

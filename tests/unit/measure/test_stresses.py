@@ -7,6 +7,7 @@ from pdfem_mpi.deck.meshes import BoxMesh
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.measure.stresses import mechanics_of_bonds, mechanics_of_elements
 from pdfem_mpi.measure.tensors import matrices, six_of, trace
+from pdfem_mpi.peridynamics.virial import bond_stresses
 from support.bodies import bond_list, build, make_scene
 
 #: Of a uniform state in elements: products of a few numbers.
@@ -183,3 +184,21 @@ def test_a_point_without_bonds_has_no_stress_and_no_strain_is_told():
     found = mechanics_of_bonds(*parts(body))
     assert (found.stress == 0.0).all()
     assert np.isnan(found.strain).all()
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.25, 0.4])
+@pytest.mark.parametrize("kinematics", ["linear", "finite"])
+def test_mean_stress_and_energy_are_those_of_the_forces(kinematics, ratio):
+    """``sum w sigma = -sum f (x) y`` with the forces of an evaluation, whatever the law; energies add up."""
+    body = build(make_scene((4, 3, 3), 0, kinematics=kinematics, poissons_ratio=ratio), loaded=False)
+    rng = np.random.default_rng(8)
+    u = body.of_positions(lambda x: x @ (0.02 * GRADIENT.T) + 0.003 * rng.normal(size=x.shape))
+    force = body.model.unknowns.rows(body.internal(u))
+    x = body.model.unknowns.rows(body.model.points.x[: len(u)])
+    y = x + body.model.unknowns.rows(u) if kinematics == "finite" else x
+    stress, energy = bond_stresses(body.model.comm, body.forces.of_bonds)
+    volume = body.model.points.volume[: len(x)].reshape(-1, 8)
+    found = (volume[..., None] * stress).sum(axis=(0, 1))
+    expected = six_of(-np.einsum("ni,nj->ij", force, y))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=SUMS * np.abs(volume[..., None] * stress).sum())
+    assert (volume * energy).sum() == pytest.approx(body.forces.stored_energy(u), rel=SUMS)

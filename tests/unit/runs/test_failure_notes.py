@@ -17,6 +17,7 @@ from pdfem_mpi.runs.failure_notes import criteria, describe_criterion, failure_s
 from support.bodies import bond_list, box_regions, build, make_scene
 from support.failing import EDGE, STRETCH, strip
 from support.measure import GAPS, release_rate_inside, released
+from support.softening import soft_strip, softening_material
 
 MODULUS = 1000.0
 SUMS = 1e-9  # relative: terms are rounded to 2^-36 of the largest and less
@@ -175,3 +176,25 @@ def test_a_crack_through_the_overlap_is_told():
     ((warning,), none) = told
     assert warning.startswith("warning: cracks.0 passes through 3 cells of the overlap, the first ")
     assert warning.endswith("End it at the interface.") and none == []
+
+
+# --- bonds that soften
+
+
+def test_what_misleads_of_softening_bonds_is_told():
+    """A process zone of less than three cells; a line beyond R = 5; nothing of lengths that follow the cells."""
+    assert any("the process zone is" in note for note in notes(soft_strip(ratio=1.05)))
+    told = notes(soft_strip())
+    assert not any("process zone is" in note or "follows the cells" in note for note in told)
+    line = soft_strip(material=softening_material(ratio=14.0, softening="line"))
+    assert any('softening = "line" with R = ' in note for note in notes(line))
+
+
+def test_bonds_that_soften_beside_elements_are_told():
+    """Within a cutoff of them, unless a band that may not fail lies between."""
+    scene = soft_strip(elements=2)
+    free = tuple(region.model_copy(update={"may_fail": None}) for region in scene.regions)
+    near = [any("within a cutoff radius of finite elements" in note for note in notes(each)) for each in (
+        scene.model_copy(update={"regions": free}), soft_strip(elements=2, cells=(16, 3, 1), crack=None, band=4.0)
+    )]  # fmt: skip
+    assert near == [True, False]

@@ -498,7 +498,7 @@ def test_a_finished_run_is_not_overwritten_and_can_be_made_longer(tmp_path, stra
 
 def test_a_run_killed_after_its_last_step_only_writes_its_summary(tmp_path, straight):
     out = tmp_path / "run"
-    with patch("pdfem_mpi.runs.run.write_summary", side_effect=RuntimeError), pytest.raises(RuntimeError):
+    with patch("pdfem_mpi.runs.finishing.write_summary", side_effect=RuntimeError), pytest.raises(RuntimeError):
         alone(often(), out)
     assert alone(often(), out) == FINISHED
     assert not differing(outcome(out), straight)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pdfem_mpi as pdfem
-from pdfem_mpi.deck.programs import Steps
+from pdfem_mpi.deck.programs import Events, Steps
 from pdfem_mpi.deck.toml import parse_deck
 from support.failing import followed, strip
 from support.tiny import TINY
@@ -85,3 +85,52 @@ def test_amplitudes_out_of_order_are_told(overrides, sentence):
     with pytest.raises(pdfem.DeckError) as error:
         tiny(*overrides)
     assert sentence in str(error.value)
+
+
+def events(*factors, **settings):
+    times = tuple(float(k) for k in range(1, len(factors) + 1))
+    return Events(kind="events", times=times, load_factors=factors, **settings)
+
+
+def test_events_retrace_the_secant_and_go_on_breaking(first):
+    """Over the first break, down to nothing, to the other side, and over the second break."""
+    rows = followed(strip(stepping=events(OVERSHOOT * first, 0.0, -0.3 * first, 1.1 * OVERSHOOT * first))).rows
+    assert [row.event for row in rows[:2]] == ["critical", "arrest"]
+    turn, nothing, other = (row for row in rows if row.event == "turn")
+    assert rows[0].load_factor == pytest.approx(first, rel=1e-6)
+    assert rows[0].time == pytest.approx(1.0 / OVERSHOOT, rel=1e-6)
+    assert (turn.load_factor, nothing.load_factor, other.load_factor) == (OVERSHOOT * first, 0.0, -0.3 * first)
+    assert (turn.time, nothing.time, other.time) == (1.0, 2.0, 3.0)
+    assert nothing.reaction == nothing.stored == 0.0
+    assert turn.broken == nothing.broken == other.broken > 0
+    assert other.reaction / 0.3 == pytest.approx(turn.reaction / OVERSHOOT, rel=SECANT)
+    assert other.stored / 0.09 == pytest.approx(turn.stored / OVERSHOOT**2, rel=SECANT)
+    assert rows[-1].event == "end" and rows[-1].broken > other.broken
+    assert all(abs(row.ledger_error) < 1e-9 for row in rows if row.work)
+
+
+def test_events_along_a_way_are_those_of_a_rising_load(first):
+    """A way that only rises breaks what a rising load does."""
+    along = followed(strip(stepping=events(OVERSHOOT * first))).rows
+    rising = followed(strip(stepping=Events(kind="events", end_load_factor=OVERSHOOT * first))).rows
+    assert [(row.event, row.broken) for row in along] == [(row.event, row.broken) for row in rising]
+    assert along[0].load_factor == pytest.approx(rising[0].load_factor, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"times": (1.0,)}, "events take both times and load_factors"),
+        ({"times": (1.0,), "load_factors": (1.0,), "end_load_factor": 2.0}, "times say how it goes"),
+        ({"times": (1.0,), "load_factors": (1.0,), "control": "energy"}, "times prescribe it"),
+        ({"times": (2.0, 1.0), "load_factors": (1.0, 0.0)}, "must strictly rise from 0"),
+    ],
+)
+def test_events_with_other_ends_are_told(settings, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        Events(kind="events", **settings)
+
+
+def test_events_over_time_need_linear_kinematics():
+    with pytest.raises(ValueError, match="scales states with the load, which finite kinematics do not"):
+        strip(kinematics="finite", stepping=events(1.0))

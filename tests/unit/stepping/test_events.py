@@ -392,5 +392,6 @@ def test_defaults_are_those_of_the_theory():
     """eta 1e-3, eight sweeps between batches, arrests at 1e-3, the end at 5 % of the peak."""
     assert Events(kind="events").model_dump() == {
         "kind": "events", "eta": 1e-3, "inner_iterations": 8, "arrest_tolerance": 1e-3, "end_load_factor": None,
-        "end_reaction": 0.05, "control": "load", "report_every": 10,
+        "end_reaction": 0.05, "control": "load", "report_every": 10, "tooth_ratio": None, "times": None,
+        "load_factors": None,
     }  # fmt: skip

@@ -79,3 +79,16 @@ def test_time_out_ends_the_whole_family(tmp_path, monkeypatch):
 def test_every_stage_has_a_limit_and_reports():
     for stage in stages.stages(include_slow=False):
         assert 0 < stage.seconds <= 480 and stage.reports, stage.name
+
+
+def test_all_tests_are_one_command():
+    """With slow tests every stage keeps a limit and its reports, and what a study runs for its page is left to it."""
+    chosen = {stage.name: stage for stage in stages.stages(include_slow=True)}
+    assert list(chosen) == ["lint", "serial", "no-jit", "mpi-2", "mpi-4", "mpi-8", "mpi-32"]
+    assert all(0 < stage.seconds <= stages.SLOW_SECONDS and stage.reports for stage in chosen.values())
+    for name in ("serial", "mpi-2", "mpi-4"):
+        command = chosen[name].commands[-1]
+        selection = command[command.index("-m", command.index("pytest")) + 1]
+        assert "not study" in selection and "not slow" not in selection, selection
+    for name, ranks in (("mpi-2", 2), ("mpi-4", 4), ("mpi-8", 8), ("mpi-32", 32)):
+        assert len(chosen[name].reports) == ranks

@@ -37,13 +37,14 @@ FAMILIES = {
     18: "one to eight ranks, ranks that own one cell, only elements, only bonds",
     19: "a million broken bonds in one event",
     20: "supports that contradict each other, loads and supports at one place",
+    21: "bonds that soften: snap-back, cracks that compete, loose pieces, a ratio of stretches near 1",
 }
 
 HEAD = """# Hard cases
 
-Twenty families of bodies and loads that break programs of this kind, each one solved within the stated error or refused
-by name, with the reason and the remedy. The decks with their comments are in `jobs/hard`, the table of variants in
-`tests/hard/cases.py`; `tests/hard` runs short forms by default and whole ones where tests marked slow run.
+Twenty-one families of bodies and loads that break programs of this kind, each one solved within the stated error or
+refused by name, with the reason and the remedy. The decks with their comments are in `jobs/hard`, the table of variants
+in `tests/hard/cases.py`; `tests/hard` runs short forms by default and whole ones where tests marked slow run.
 `tools/studies/study hard_cases` runs all of them on one and two ranks (family 18: on one to eight) and writes
 this page.
 

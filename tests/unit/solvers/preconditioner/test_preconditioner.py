@@ -8,6 +8,7 @@ from pdfem_mpi.model.model import build_intact_elements
 from pdfem_mpi.model.motions import rigid_modes
 from pdfem_mpi.peridynamics.point_blocks import point_blocks
 from pdfem_mpi.solvers.preconditioner import coarse_grid as grid
+from pdfem_mpi.solvers.preconditioner import nested_grids
 from pdfem_mpi.solvers.preconditioner.blocks import inverted, node_blocks, softest
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from support.bodies import build, make_scene
@@ -150,7 +151,7 @@ def test_multigrid_takes_over_where_factors_would_be_too_large(monkeypatch):
     """With a small budget the grid is nested; its cycle is as good as the direct solve within a few iterations."""
     body = build(make_scene((16, 8, 8), 0, **SHEAR))
     direct = make_preconditioner(body.share, body.model, body.case)
-    monkeypatch.setattr(grid, "MOST_FILL", 1e3)
+    monkeypatch.setattr(nested_grids, "MOST_FILL", 1e3)
     nested = make_preconditioner(body.share, body.model, body.case)
     assert len(direct.grid.levels) == 1
     assert len(nested.grid.levels) > 1
@@ -168,8 +169,8 @@ def test_prolongation_between_grids_is_exact_for_linear_functions(counts):
     """Trilinear interpolation from half the cells, an axis of one cell kept; an odd axis keeps its last cell's half."""
     counts = np.array(counts)
     number = np.arange(int(np.prod(counts + 1)))
-    below, prolongation = grid._prolongation(number, counts)
-    coarser = grid._halved(counts, 1)
+    below, prolongation = nested_grids._prolongation(number, counts)
+    coarser = nested_grids._halved(counts, 1)
     ratio = np.where(counts == coarser, 1, 2)
     fine = np.stack(np.unravel_index(number, counts + 1), axis=1)
     coarse = np.stack(np.unravel_index(np.flatnonzero(below >= 0), coarser + 1), axis=1) * ratio

@@ -1,0 +1,193 @@
+"""How the bonds of a scene soften: the numbers of each material's law in this body, and what has none."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdfem_mpi.body.materials import bond_materials, bond_stretches, materials_of
+from pdfem_mpi.body.softening_law import Shape, Teeth, brittle, make_teeth, strength_factor
+from pdfem_mpi.body.traction_opening import curve_energy, fit_curve
+from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.softening import DROP
+from pdfem_mpi.deck.table import SceneError
+
+#: Of the stretches of a bond's points, one to the next, where the deck does not say.
+TOOTH_RATIO = 1.25
+#: A final stretch this near to the first leaves no branch to follow.
+LEAST_RATIO = 1.0 + 1e-9
+#: Without a drop: rounds in which the first stretch is found that gives a body the strength, and how near they come.
+ROUNDS, NEAR = 30, 1e-4
+
+
+@dataclass(frozen=True)
+class BondLaw:
+    """How the bonds of a material end, in the deck's units.
+
+    Attributes
+    ----------
+    first : float, dimension 1
+        Stretch at which they soften, or break where they are brittle.
+    final : float, dimension 1
+        Stretch at which they are gone.
+    teeth : Teeth
+    energy : float, dimension force / length
+        The fracture energy of the bulk.
+    shape : Shape or None
+        None where they are brittle.
+    longest : float, dimension length
+        The internal length beyond which they would be brittle; infinity where they are.
+    strength : float, dimension force / length^2
+        Of the body.
+    """
+
+    first: float
+    final: float
+    teeth: Teeth
+    energy: float
+    shape: Shape | None
+    longest: float
+    strength: float
+
+
+def law_of(material: Material, internal_length: float, cutoff_ratio: float, tooth_ratio: float) -> BondLaw | None:
+    """The law of a material's bonds; None without failure.
+
+    Parameters
+    ----------
+    internal_length : float, dimension length
+    cutoff_ratio : float
+        ``r_c / l``.
+    tooth_ratio : float
+
+    Raises
+    ------
+    ValueError
+        The internal length is too large for the strength and the energy; its text is the rest of a sentence.
+    """
+    unit = material.energy_at_failure(1.0, internal_length, cutoff_ratio)
+    if not material.softens:
+        stretch = material.stretch_at_failure(internal_length, cutoff_ratio)
+        if stretch is None:
+            return None
+        strength = material.youngs_modulus * stretch
+        return BondLaw(stretch, stretch, brittle(stretch), unit * stretch**2, None, np.inf, strength)
+    strength, energy, shape = _properties(material, unit, internal_length, cutoff_ratio)
+    first = strength / material.youngs_modulus
+    longest = internal_length * energy / (unit * first**2 * shape.least_energy)
+    ratio = shape.ratio(energy / (unit * first**2))
+    if shape.drop == 1.0 and ratio > LEAST_RATIO:
+        first, ratio = _without_drop(shape, first, energy / unit, tooth_ratio)
+    if not (ratio > LEAST_RATIO and longest > internal_length):
+        raise ValueError(
+            f"is too long for a strength of {strength:.6g} with a fracture energy of {energy:.6g}: bonds that soften "
+            f"need l <= {longest:.6g}. Use a smaller peridynamics.internal_length, finer cells where it follows them, "
+            "or critical_stretch"
+        )
+    teeth = make_teeth(shape.branch(ratio), tooth_ratio, first)
+    return BondLaw(first, ratio * first, teeth, energy, shape, longest, strength)
+
+
+def _properties(material: Material, unit: float, length: float, cutoff_ratio: float) -> tuple[float, float, Shape]:
+    """Strength, fracture energy and shape of the branch."""
+    curve = material.traction_opening
+    if curve is not None:
+        shape = fit_curve(curve, material.youngs_modulus, unit, length, cutoff_ratio)
+        return curve[0][1], curve_energy(curve), shape
+    kink = material.kink_stretch_ratio, material.kink_force_ratio
+    shape = Shape(1.0 if material.softening == "line" else DROP, None if kink[0] is None else kink)
+    return material.tensile_strength, material.fracture_energy, shape
+
+
+@functools.cache
+def _without_drop(shape: Shape, wanted: float, energy: float, tooth_ratio: float) -> tuple[float, float]:
+    """First stretch and ratio of a line whose body has the strength ``E wanted``: it hardens after the first bonds.
+
+    ``energy`` is over that of bonds that break at stretch 1.
+    """
+    first, ratio = wanted, shape.ratio(energy / wanted**2)
+    for _ in range(ROUNDS):
+        teeth = make_teeth(shape.branch(ratio), tooth_ratio)
+        before, first = first, wanted / (strength_factor(teeth) * float(teeth.limit[0]))
+        ratio = shape.ratio(energy / first**2)
+        if ratio <= LEAST_RATIO or abs(first - before) <= NEAR * first:
+            break
+    return first, ratio
+
+
+def tooth_ratio_of(scene: Scene) -> float:
+    """Of the deck, or the default."""
+    return scene.stepping.tooth_ratio or TOOTH_RATIO
+
+
+def laws_of_materials(scene: Scene, internal_length: float, cutoff_ratio: float) -> dict[str, BondLaw]:
+    """The law of each material that can fail, by name.
+
+    Raises
+    ------
+    SceneError
+        With all materials whose bonds would be brittle.
+    """
+    laws, messages = {}, []
+    for name, material in materials_of(scene).items():
+        try:
+            law = law_of(material, internal_length, cutoff_ratio, tooth_ratio_of(scene))
+        except ValueError as error:
+            of = "" if len(scene.materials) == 0 else f" of {name}"
+            messages.append(f"peridynamics.internal_length = {internal_length:.6g} {error}{of}.")
+            continue
+        if law is not None:
+            laws[name] = law
+    if messages:
+        raise SceneError(messages)
+    return laws
+
+
+def laws_of_bonds(scene: Scene, internal_length: float, cutoff_ratio: float) -> tuple[list[BondLaw], np.ndarray]:
+    """The different laws, and which of them holds between materials a and b: that of the side that ends first.
+
+    Returns
+    -------
+    laws : list of BondLaw
+    which : int64, shape (n_materials, n_materials)
+        -1 where bonds do not break.
+
+    Raises
+    ------
+    SceneError
+        As `laws_of_materials`.
+    """
+    laws_of_materials(scene, internal_length, cutoff_ratio)
+    table = bond_materials(scene)
+    laws: list[BondLaw] = []
+    known: dict[Material, int] = {}
+    which = np.full((len(table), len(table)), -1)
+    for a, row in enumerate(table):
+        for b, of_bond in enumerate(row):
+            candidates = []
+            for material in of_bond:
+                if not material.can_fail:
+                    continue
+                if material not in known:
+                    try:
+                        law = law_of(material, internal_length, cutoff_ratio, tooth_ratio_of(scene))
+                    except ValueError as error:
+                        text = f"peridynamics.internal_length = {internal_length:.6g} {error} across an interface."
+                        raise SceneError([text]) from None
+                    known[material] = len(laws)
+                    laws.append(law)
+                candidates.append(known[material])
+            if candidates:
+                which[a, b] = min(candidates, key=lambda k: (laws[k].first, k))
+    return laws, which
+
+
+def first_stretches(scene: Scene, internal_length: float, cutoff_ratio: float) -> np.ndarray:
+    """Stretch at which the bonds between two materials soften or break, as `materials.bond_stretches`."""
+    if not scene.softens:
+        return bond_stretches(scene, internal_length, cutoff_ratio)
+    laws, which = laws_of_bonds(scene, internal_length, cutoff_ratio)
+    return np.append([law.first for law in laws], np.inf)[which]

@@ -1,0 +1,136 @@
+"""The law of a bond that softens: its energy, its teeth, the strength of a body, and what has no law."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from pdfem_mpi.body.softening import law_of, laws_of_bonds
+from pdfem_mpi.body.softening_law import Shape, brittle, make_teeth, strength_factor
+from pdfem_mpi.deck.materials import Interface, Material
+from pdfem_mpi.deck.table import SceneError
+from support.bodies import make_scene
+
+EXACT = 1e-12
+SAMPLED = 0.012  # strains of a body are sampled in steps of a hundredth
+E, LENGTH, CUTOFF = 2.6e4, 3.0, 2.5
+SHAPES = {"straight": Shape(0.5), "kink": Shape(0.5, (0.26, 0.114)), "line": Shape(1.0)}
+
+
+def unit_energy(modulus, length):
+    """C mu l at the cutoff 2.5 l, with C = 4.843 and mu = E / 2.5 for Poisson's ratio 1/4."""
+    return 4.843 * modulus / 2.5 * length
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("ratio", [6.0, 40.0])
+@pytest.mark.parametrize("tooth_ratio", [1.1, 1.25, 1.5])
+def test_teeth_have_the_energy_of_the_branch(name, ratio, tooth_ratio):
+    """sum (phi_k - phi_k+1) s_k^2 is twice the area under the law, whatever the teeth."""
+    shape = SHAPES[name]
+    branch = shape.branch(ratio)
+    area = 0.5 + quad(lambda s: np.interp(s, branch.stretch, branch.force), 1.0, ratio, points=branch.stretch[1:-1])[0]
+    teeth = make_teeth(branch, tooth_ratio)
+    energy = -(np.diff(teeth.stiffness) * teeth.limit**2).sum()
+    assert energy == pytest.approx(2.0 * area, rel=1e-9)
+    assert branch.energy == pytest.approx(2.0 * area, rel=1e-9)
+    assert (np.diff(teeth.limit) > 0.0).all() and (np.diff(teeth.stiffness) < 0.0).all()
+    assert teeth.stiffness[0] == 1.0 and teeth.stiffness[-1] == 0.0
+
+
+@pytest.mark.parametrize("name", ["straight", "line"])
+def test_teeth_straddle_a_straight_branch(name):
+    """The force at a limit is above the branch before a bond goes on, and below it after."""
+    branch = SHAPES[name].branch(12.0)
+    teeth = make_teeth(branch, 1.25)
+    first = 1 if name == "straight" else 0  # the drop itself
+    for k in range(first, len(teeth.limit)):
+        s = teeth.limit[k]
+        on = np.interp(s, branch.stretch, branch.force)
+        assert teeth.stiffness[k + 1] * s < on < teeth.stiffness[k] * s
+
+
+def test_a_brittle_bond_is_one_tooth():
+    teeth = brittle(0.002)
+    assert teeth.limit.tolist() == [0.002] and teeth.stiffness.tolist() == [1.0, 0.0]
+
+
+@pytest.mark.parametrize("name", ["straight", "kink"])
+def test_ratio_gives_the_energy(name):
+    """The final stretch for an energy has that energy; the least is where the branch, up to its kink, has no length."""
+    shape = SHAPES[name]
+    for energy in (shape.least_energy * 1.2, 5.0, 60.0):
+        assert shape.branch(shape.ratio(energy)).energy == pytest.approx(energy, rel=EXACT)
+    at = 1.0 if shape.kink is None else shape.kink[0]
+    assert shape.ratio(shape.least_energy) * at == pytest.approx(1.0, rel=EXACT)
+
+
+def test_strength_and_energy_are_independent():
+    """s_t = f_t / E whatever l, and G_c = C mu l s_t^2 (1 + 1/2 (R - 1)): both are the deck's at any length."""
+    for length in (1.0, 3.0, 9.0):
+        law = law_of(Material(youngs_modulus=E, tensile_strength=2.6, fracture_energy=0.11), length, CUTOFF, 1.25)
+        ratio = law.final / law.first
+        assert law.first == pytest.approx(2.6 / E, rel=EXACT)
+        energy = unit_energy(E, length) * law.first**2 * (1.0 + 0.5 * (ratio - 1.0))
+        assert energy == pytest.approx(0.11, rel=2e-4)  # C is printed with four digits
+        spent = -(np.diff(law.teeth.stiffness) * law.teeth.limit**2).sum()
+        assert spent * unit_energy(E, length) == pytest.approx(0.11, rel=2e-4)
+
+
+def test_too_long_a_length_has_no_law():
+    """Beyond l_max = G_c / (C mu s_t^2) a bond has taken its energy before it softens; just below, R is near 1."""
+    longest = 0.11 / (4.843 * E / 2.5 * (2.6 / E) ** 2)
+    material = Material(youngs_modulus=E, tensile_strength=2.6, fracture_energy=0.11)
+    law = law_of(material, 0.99 * longest, CUTOFF, 1.25)
+    assert law.longest == pytest.approx(longest, rel=2e-4)
+    assert law.final / law.first == pytest.approx(1.0 + 2.0 * (1.0 / 0.99 - 1.0), abs=1e-3)
+    with pytest.raises(ValueError, match=f"bonds that soften need l <= {law.longest:.6g}"):
+        law_of(material, 1.01 * longest, CUTOFF, 1.25)
+    kinked = material.model_copy(update={"kink_stretch_ratio": 0.26, "kink_force_ratio": 0.114})
+    assert law_of(kinked, 10.0, CUTOFF, 1.25).longest == pytest.approx(
+        longest / (1.0 + 0.114 * (1 / 0.26 - 1)), rel=2e-4
+    )
+
+
+@pytest.mark.parametrize("ratio", [2.0, 20.0])
+def test_with_a_drop_the_body_is_as_strong_as_its_bonds(ratio):
+    """A drop to 1/2 leaves no hardening, whatever follows."""
+    assert strength_factor(make_teeth(Shape(0.5).branch(ratio), 1.25)) == pytest.approx(1.0, abs=SAMPLED)
+
+
+def test_without_a_drop_the_body_hardens():
+    """Fine teeth come to the strengths of the line, 1.32, 1.55 at R = 5, 20; the deck's strength is the body's."""
+    for ratio, expected in ((5.0, 1.32), (20.0, 1.55)):
+        teeth = make_teeth(Shape(1.0).branch(ratio), 1.02)
+        assert strength_factor(teeth) * teeth.limit[0] == pytest.approx(expected, abs=2.0 * SAMPLED)
+    material = Material(youngs_modulus=E, tensile_strength=2.6, fracture_energy=0.11, softening="line")
+    law = law_of(material, 60.0, CUTOFF, 1.25)
+    assert E * law.teeth.limit[0] * strength_factor(law.teeth) == pytest.approx(2.6, rel=SAMPLED)
+    assert law.first < 2.6 / E
+
+
+def test_laws_across_an_interface():
+    """What an interface says of failure replaces all of its material's; of two equal sides the weaker holds."""
+    scene = make_scene((4, 2, 2))
+    tough = Material(youngs_modulus=E, tensile_strength=2.6, fracture_energy=0.5)
+    weak = Material(youngs_modulus=E, tensile_strength=1.3, fracture_energy=0.5)
+    scene = scene.model_copy(update={"material": tough, "materials": {"weak": weak}})
+    laws, which = laws_of_bonds(scene, LENGTH, CUTOFF)
+    assert laws[which[0, 1]].first == laws[which[1, 1]].first == pytest.approx(1.3 / E)
+    glue = Interface(between=("default", "weak"), critical_stretch=1e-5)
+    laws, which = laws_of_bonds(scene.model_copy(update={"interfaces": (glue,)}), LENGTH, CUTOFF)
+    assert laws[which[0, 1]].teeth.limit.tolist() == [1e-5]
+    assert laws[which[0, 0]].first == pytest.approx(2.6 / E)
+
+
+def test_all_materials_without_a_law_are_told_at_once():
+    bad = {"tensile_strength": 2.6, "fracture_energy": 1e-6}
+    scene = make_scene((4, 2, 2)).model_copy(
+        update={"material": Material(youngs_modulus=E, **bad), "materials": {"b": Material(youngs_modulus=E, **bad)}}
+    )
+    with pytest.raises(SceneError) as refused:
+        laws_of_bonds(scene, LENGTH, CUTOFF)
+    assert len(refused.value.messages) == 2
+    assert all(message.startswith("peridynamics.internal_length = 3 is too long") for message in refused.value.messages)
+    assert math.isfinite(LENGTH)
