@@ -10,6 +10,7 @@ from pdfem_mpi.deck.peridynamics import cutoff_problems
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError, show
 from pdfem_mpi.mesh import generators, named_sets
+from pdfem_mpi.mesh.carving import carve
 from pdfem_mpi.mesh.defects import face_problems, find_defects, mirror_problems
 from pdfem_mpi.mesh.hexmesh import HexMesh, list_cells
 from pdfem_mpi.mesh.quality import Quality, folded_cells
@@ -31,16 +32,17 @@ def make_mesh(scene: Scene) -> HexMesh:
     if isinstance(entry, PlateWithHoleMesh):
         return generators.plate_with_hole(entry.lower, entry.upper, entry.hole_radius, entry.spacing, entry.symmetry)
     if not isinstance(entry, FileMesh):
-        return generators.box(entry.lower, entry.upper, entry.n_cells)
+        mesh = generators.box(entry.lower, entry.upper, entry.n_cells)
+        return carve(mesh, entry.remove, entry.symmetry) if entry.remove else mesh
     mesh, node_number = read_mesh(entry)
     messages = find_defects(mesh, node_number) + _spacing_problems(scene, mesh)
     for face in entry.symmetry:
         messages += mirror_problems(mesh, face)
     for table, entries in (("loads", scene.loads), ("supports", scene.supports)):
         for index, item in enumerate(entries):
-            if item.set is not None:
+            if getattr(item, "set", None) is not None:
                 messages += named_sets.find_problems(mesh, item, f"{table}.{index}")
-            elif item.face is not None:
+            elif getattr(item, "face", None) is not None:
                 messages += face_problems(mesh, item.face, f"{table}.{index}")
     try:
         assign_regions(scene, mesh)

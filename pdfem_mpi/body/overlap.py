@@ -71,7 +71,7 @@ def check_joints(scene: Scene, materials: MaterialTable, material: np.ndarray, b
 def check_cracks(scene: Scene, mesh: HexMesh, joints: np.ndarray) -> None:
     """Refuse cracks through the cells of joints: no cut of bonds parts points that follow common nodes."""
     messages = [
-        f"cracks.{index}.polygon passes through {np.count_nonzero(hit)} cells by which "
+        f"cracks.{index} passes through {np.count_nonzero(hit)} cells by which "
         'peridynamics.surface_correction = "fitted" joins bonds to others, or to elements, of another '
         f"stiffness, the first {list_cells(mesh, hit)}: their points follow common nodes, which no crack parts. "
         'End it a cell before the interface, or use "virial".'
@@ -95,7 +95,8 @@ def describe_cracked_overlap(scene: Scene, discretization: Discretization) -> li
 def _cracked(scene: Scene, mesh: HexMesh, following: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
     """Cracks through cells whose points follow nodes: their number, and the cells; bool, shape (n_cells,)."""
     for index, crack in enumerate(scene.cracks):
-        corners = np.array(crack.polygon)
+        polygon = crack.corners(mesh.lower.tolist(), mesh.upper.tolist())
+        corners = np.array(polygon)
         margin = mesh.largest_edge
         near = following & mesh.cells_in_box(corners.min(axis=0) - margin, corners.max(axis=0) + margin)
         if not near.any():
@@ -105,11 +106,11 @@ def _cracked(scene: Scene, mesh: HexMesh, following: np.ndarray) -> Iterator[tup
         one, two = (np.repeat(k, len(cells)) for k in _POINT_EDGES.T)
         hit = np.zeros(len(following), bool)
         place = np.tile(np.arange(len(cells)), len(_POINT_EDGES))
-        hit[cells[place[cross_polygon(crack.polygon, points[place, one], points[place, two])]]] = True
+        hit[cells[place[cross_polygon(polygon, points[place, one], points[place, two])]]] = True
         ends = np.stack([cells[faces.one // 6], cells[faces.two // 6]], axis=1)
         reach = GAUSS_POINTS.max() / 2.0 * np.diff(mesh.centroids[ends], axis=1)[:, 0]
         start, stop = mesh.centroids[ends[:, 0]] + reach, mesh.centroids[ends[:, 1]] - reach
-        hit[ends[cross_polygon(crack.polygon, start, stop)]] = True
+        hit[ends[cross_polygon(polygon, start, stop)]] = True
         if hit.any():
             yield index, hit
 

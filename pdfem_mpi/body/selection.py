@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.deck.loads import Traction
+from pdfem_mpi.body.narrow_places import NO_POINTS, is_narrow, select_narrow, spread
+from pdfem_mpi.deck.loads import Force, Pressure, Traction
 from pdfem_mpi.deck.mechanical_probes import SetProbe
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.mesh import named_sets
+from pdfem_mpi.mesh.hexmesh import FACES, HexMesh
 from pdfem_mpi.mesh.layers import cells_near_face
 from pdfem_mpi.mesh.part import MeshPart
 
@@ -44,10 +46,14 @@ class ChosenFaces:
 
 @dataclass(frozen=True)
 class ChosenPlaces:
-    """Cells that a body force or support speaks of, and the nodes with unknowns that a support does; int64, rising."""
+    """Cells that a body force or support speaks of, and the nodes with unknowns that a support does; int64, rising.
+
+    Of some cells a support speaks of single points: rows of cell and Gauss point, int64, shape (n, 2).
+    """
 
     cells: np.ndarray
     nodes: np.ndarray
+    points: np.ndarray = field(default_factory=NO_POINTS.copy)
 
     def part(self, mesh: MeshPart) -> ChosenPlaces:
         """Those of a part of the mesh, by the places there."""
@@ -55,7 +61,30 @@ class ChosenPlaces:
             own[np.isin(own, here, assume_unique=True)]
             for own, here in ((self.cells, mesh.cell_id), (self.nodes, mesh.node_id))
         )
-        return ChosenPlaces(mesh.places_of_cells(cells), mesh.places_of_nodes(nodes))
+        points = self.points[np.isin(self.points[:, 0], mesh.cell_id)]
+        points = np.column_stack([mesh.places_of_cells(points[:, 0]), points[:, 1]])
+        return ChosenPlaces(mesh.places_of_cells(cells), mesh.places_of_nodes(nodes), points)
+
+
+@dataclass(frozen=True)
+class ChosenSpots:
+    """Nodes with unknowns, int64, rising, and rows of cell and Gauss point, int64, (n, 2), with their parts of a force.
+
+    The parts of all, on all ranks, sum to 1.
+    """
+
+    nodes: np.ndarray
+    node_parts: np.ndarray
+    points: np.ndarray
+    point_parts: np.ndarray
+
+    def part(self, mesh: MeshPart) -> ChosenSpots:
+        """Those of a part of the mesh, by the places there."""
+        here, there = np.isin(self.nodes, mesh.node_id), np.isin(self.points[:, 0], mesh.cell_id)
+        points = self.points[there]
+        points = np.column_stack([mesh.places_of_cells(points[:, 0]), points[:, 1]])
+        nodes = mesh.places_of_nodes(self.nodes[here])
+        return ChosenSpots(nodes, self.node_parts[here], points, self.point_parts[there])
 
 
 @dataclass(frozen=True)
@@ -64,13 +93,13 @@ class Selections:
 
     Attributes
     ----------
-    loads : tuple of ChosenFaces or ChosenPlaces, or None where nothing could be chosen
+    loads : tuple of ChosenFaces, ChosenPlaces or ChosenSpots, or None where nothing could be chosen
     supports, probes : tuple of ChosenPlaces, or None
     problems_of_loads, problems_of_supports, problems_of_probes : tuple of tuples of str
         Of each of them.
     """
 
-    loads: tuple[ChosenFaces | ChosenPlaces | None, ...]
+    loads: tuple[ChosenFaces | ChosenPlaces | ChosenSpots | None, ...]
     supports: tuple[ChosenPlaces | None, ...]
     problems_of_loads: tuple[tuple[str, ...], ...]
     problems_of_supports: tuple[tuple[str, ...], ...]
@@ -95,8 +124,13 @@ def select_places(scene: Scene, discretization: Discretization) -> Selections:
         for index, entry in enumerate(entries):
             chosen, messages = None, ()
             try:
-                if isinstance(entry, Traction):
+                if isinstance(entry, Traction | Pressure):
                     chosen = _select_faces(discretization, entry, f"{kind}.{index}")
+                elif isinstance(entry, Force):
+                    chosen = ChosenSpots(*spread(discretization, entry, f"{kind}.{index}"))
+                elif is_narrow(entry):
+                    nodes, points = select_narrow(discretization, entry, f"{kind}.{index}")
+                    chosen = ChosenPlaces(np.empty(0, np.int64), nodes, points)
                 elif entry is not None:
                     cells = _select_cells(discretization, entry, f"{kind}.{index}", names)
                     nodes = np.zeros(0, bool)
@@ -129,13 +163,15 @@ def _select_cells(discretization: Discretization, entry, where: str, names: list
     return chosen
 
 
-def _select_faces(discretization: Discretization, load: Traction, where: str) -> ChosenFaces:
-    """Faces a traction speaks of."""
+def _select_faces(discretization: Discretization, load: Traction | Pressure, where: str) -> ChosenFaces:
+    """Faces a traction or pressure speaks of."""
     mesh = discretization.mesh
-    if load.set is None:
+    if load.set is not None:
+        cells, faces = named_sets.faces_of(mesh, load, where)
+    elif load.face is not None:
         cells, faces = mesh.faces_on_face(load.face)
     else:
-        cells, faces = named_sets.faces_of(mesh, load, where)
+        cells, faces = _faces_in_box(mesh, load, where)
     has_points = discretization.has_points[cells]
     of_points = has_points & ~discretization.is_overlap[cells]
     corners = discretization.nodes[faces]
@@ -145,6 +181,28 @@ def _select_faces(discretization: Discretization, load: Traction, where: str) ->
     mirrored = (flat & on_planes.all(axis=1)).any(axis=1)
     counts = (int(np.count_nonzero(chosen)) for chosen in (has_points, of_points, mirrored))
     return ChosenFaces(cells, faces, len(faces), *counts)
+
+
+def _faces_in_box(mesh: HexMesh, load: Traction | Pressure, where: str) -> tuple[np.ndarray, np.ndarray]:
+    """Faces of the boundary whose middle lies in a closed box: their cells and nodes.
+
+    Raises
+    ------
+    SceneError
+        There is none.
+    """
+    cells, sides = mesh.boundary
+    faces = mesh.cells[cells[:, None], FACES[sides]]
+    middles = mesh.nodes[faces].mean(axis=1)
+    inside = np.ones(len(faces), bool)
+    for corner, sign in ((load.lower, 1.0), (load.upper, -1.0)):
+        if corner is not None:
+            inside &= (sign * (middles - np.array(corner)) >= -mesh.tolerance).all(axis=1)
+    if not inside.any():
+        raise SceneError(
+            [f"{where} selects no face of the boundary: its box holds the middle of none. Widen it, or move it."]
+        )
+    return cells[inside], faces[inside]
 
 
 def _select_nodes(discretization: Discretization, support, where: str, cells: np.ndarray):

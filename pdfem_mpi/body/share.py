@@ -18,9 +18,11 @@ import numpy as np
 from pdfem_mpi.body.boundaries import Boundaries
 from pdfem_mpi.body.counts import Counts, count
 from pdfem_mpi.body.discretization import Discretization, discretize
+from pdfem_mpi.body.locating import Weights
 from pdfem_mpi.body.materials import MaterialTable
 from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.body.overlap import describe_cracked_overlap
+from pdfem_mpi.body.probing import place_probes
 from pdfem_mpi.body.selection import Selections, select_places
 from pdfem_mpi.body.subdomain import (
     Subdomain,
@@ -86,8 +88,8 @@ class Share:
         What a user should know of the mesh, and of cracks through the overlap.
     mesh_sha256, body_sha256 : str
         Of the mesh's content, and of nodes, cells and regions in model units.
-    selections : Selections
-        Where the deck's loads and supports act, and what its probes of sets read.
+    probes, selections : dict of Weights, Selections
+        What columns of probes read; where the deck's loads and supports act, and what its probes of sets read.
     boundaries : Boundaries or None
         What the fit of bond factors asks of the body, where the deck wants one.
     """
@@ -124,6 +126,7 @@ class Share:
     crack_notes: tuple[str, ...]
     mesh_sha256: str
     body_sha256: str
+    probes: dict[str, Weights]
     selections: Selections
     boundaries: Boundaries | None
 
@@ -254,6 +257,7 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
         crack_notes=tuple(describe_cracked_overlap(scene, whole)),
         mesh_sha256=broadcast(comm, whole.mesh.sha256() if comm.rank == 0 else None),
         body_sha256=broadcast(comm, whole.sha256() if comm.rank == 0 else None),
+        probes=place_probes(scene, whole),
         selections=select_places(scene, whole).part(mesh),
         boundaries=Boundaries.of(scene, whole, mesh),
     )

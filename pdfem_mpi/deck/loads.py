@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import Field
 
+from pdfem_mpi.deck.face_loads import Pressure, Traction, one_of
+from pdfem_mpi.deck.formulas import formula_problems, names_in
 from pdfem_mpi.deck.meshes import Mesh, corner_problems
-from pdfem_mpi.deck.peridynamics import Peridynamics
-from pdfem_mpi.deck.regions import Region, has_model
-from pdfem_mpi.deck.table import MOST_HINTS, Face, Problem, Table, Vector, did_you_mean, key, show
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.table import AXES, MOST_HINTS, Face, Problem, Table, Vector, did_you_mean, key, plain_name, show
 
 
 class Selection(Table):
@@ -25,28 +26,23 @@ class Selection(Table):
 
     def problems(self) -> list[Problem]:
         """One selection, and layers only with a face."""
-        given = [name for name in ("region", "face", "set") if getattr(self, name) is not None]
+        return self._selection_problems(("region", "face", "set"))
+
+    def _selection_problems(self, ways: tuple[str, ...]) -> list[Problem]:
+        given = [name for name in ways if getattr(self, name) is not None]
         if self.lower is not None or self.upper is not None:
             given.append("lower/upper")
         problems = corner_problems(self.lower, self.upper, equal=True)
         if len(given) != 1:
             has = "none of them" if not given else " and ".join(given)
             problems.append(
-                Problem("", f"must say where by exactly one of region, face, set or lower/upper, and has {has}.")
+                Problem("", f"must say where by exactly one of {', '.join(ways)} or lower/upper, and has {has}.")
             )
         elif self.face is None and self.set is None and self.layers != 1:
             problems.append(
                 Problem("layers", f"= {self.layers} counts layers from a face, and there is no face. Add it.")
             )
         return problems
-
-
-def _one_of(table: BaseModel, *names: str) -> list[Problem]:
-    given = [name for name in names if getattr(table, name) is not None]
-    if len(given) == 1:
-        return []
-    has = "both" if given else "neither"
-    return [Problem("", f"must have either {' or '.join(names)}, and has {has}. Keep one.")]
 
 
 class BodyForce(Selection):
@@ -60,46 +56,53 @@ class BodyForce(Selection):
     density : three floats or None, dimension force / length^3
     total : three floats or None, dimension force
         Exactly one of the two; both are reached at load factor 1.
+    name : str or None
+        For messages and `--set`.
+    constant : bool
+        It acts as a whole at any load factor, beside loads that grow: self-weight, a preload.
     """
 
     kind: Literal["body_force"]
+    name: str | None = key(None)
+    constant: bool = key(False)
     density: Vector | None = key(None, dimension="force / length^3")
     total: Vector | None = key(None, dimension="force")
 
     def problems(self) -> list[Problem]:
         """One selection, and one of density and total."""
-        return super().problems() + _one_of(self, "density", "total")
+        return super().problems() + one_of(self, "density", "total") + plain_name(self.name)
 
 
-class Traction(Table):
-    """Force per area on a face of finite elements; a ``[[loads]]`` table with ``kind = "traction"``.
+class Force(Table):
+    """A force at a point, or spread evenly over a straight line; a ``[[loads]]`` table with ``kind = "force"``.
 
     Attributes
     ----------
-    face : "x-", "x+", "y-", "y+", "z-", "z+" or None
-        Face of the bounding box.
-    set : str or None
-        Or a named set of faces, or of all nodes of faces, of the mesh file.
-    traction : three floats or None, dimension force / length^2
-    total : three floats or None, dimension force
-        Exactly one of the two; both are reached at load factor 1.
-    nodal : "consistent" or "equal"
-        Nodal forces from the shape functions, or the same on every node ("uniform point forces", sec. 4.1).
+    point : three floats or None, dimension length
+    line : two points or None, dimension length
+        One of both: the places that a support there takes (see `Support`).
+    total : three floats, dimension force
+        Reached at load factor 1.
+    name, constant
+        As for a body force.
     """
 
-    kind: Literal["traction"]
-    face: Face | None = key(None)
-    set: str | None = key(None)
-    traction: Vector | None = key(None, dimension="force / length^2")
-    total: Vector | None = key(None, dimension="force")
-    nodal: Literal["consistent", "equal"] = key("consistent")
+    kind: Literal["force"]
+    name: str | None = key(None)
+    constant: bool = key(False)
+    point: Vector | None = key(None, dimension="length")
+    line: tuple[Vector, Vector] | None = key(None, dimension="length")
+    total: Vector = key(dimension="force", remedy="Give the force, for example [0.0, -100.0, 0.0].")
 
     def problems(self) -> list[Problem]:
-        """One of face and set, one of traction and total."""
-        return _one_of(self, "face", "set") + _one_of(self, "traction", "total")
+        """One place, and a line with a length."""
+        problems = plain_name(self.name) + one_of(self, "point", "line")
+        if self.line is not None and self.line[0] == self.line[1]:
+            problems.append(Problem("line", f"= {show(self.line)} has no length. Give two ends, or use point."))
+        return problems
 
 
-Load = Annotated[BodyForce | Traction, Field(discriminator="kind")]
+Load = Annotated[BodyForce | Traction | Pressure | Force, Field(discriminator="kind")]
 
 
 class Support(Selection):
@@ -110,20 +113,47 @@ class Support(Selection):
     region, face, set, layers, lower, upper
         Where, as for a body force. On finite elements a face or a set selects its nodes, on peridynamic cells the
         points of ``layers`` layers of cells beneath it.
-    x, y, z : float or None, dimension length
-        Prescribed components, reached at load factor 1; None (default) leaves a component free.
+    of : "cells" or "nodes"
+        What ``lower`` and ``upper`` select: all that cells have whose centroid lies in the box, or the nodes and
+        peridynamic points that lie in it themselves.
+    point : three floats or None, dimension length
+    line : two points or None, dimension length
+        Or the node at a point, or the nodes on a straight line: a roller or a pin. In peridynamic cells with an edge on
+        the line it is one row of points, those nearest to it, on the side of lower coordinates: it leaves the rotation
+        about the line free.
+    name : str or None
+        Its force on the body is in history.csv then: ``NAME.force_x``, ``NAME.force_y`` and ``NAME.force_z``.
+    x, y, z : float, formula or None, dimension length
+        Prescribed components, reached at load factor 1; None (default) leaves a component free. A formula of ``x``,
+        ``y`` and ``z`` (see `deck.formulas`) is taken times the load factor, unless it names that (``f``) itself.
     """
 
-    x: float | None = key(None, dimension="length")
-    y: float | None = key(None, dimension="length")
-    z: float | None = key(None, dimension="length")
+    name: str | None = key(None)
+    of: Literal["cells", "nodes"] = key("cells")
+    point: Vector | None = key(None, dimension="length")
+    line: tuple[Vector, Vector] | None = key(None, dimension="length")
+    x: float | str | None = key(None, dimension="length")
+    y: float | str | None = key(None, dimension="length")
+    z: float | str | None = key(None, dimension="length")
 
     def problems(self) -> list[Problem]:
         """One selection, and something prescribed."""
-        problems = super().problems()
+        problems = self._selection_problems(("region", "face", "set", "point", "line")) + plain_name(self.name)
+        if self.of == "nodes" and self.lower is None and self.upper is None:
+            problems.append(Problem("of", '= "nodes" goes with lower and upper. Add them, or remove it.'))
+        if self.line is not None and self.line[0] == self.line[1]:
+            problems.append(Problem("line", f"= {show(self.line)} has no length. Give two ends, or use point."))
+        for name in AXES:
+            if isinstance(amount := getattr(self, name), str):
+                problems += formula_problems(name, amount)
         if self.x is None and self.y is None and self.z is None:
             problems.append(Problem("", "prescribes nothing. Give at least one of x, y and z."))
         return problems
+
+    @property
+    def follows_factor(self) -> bool:
+        """Whether a component is a formula of the load factor."""
+        return any(isinstance(amount, str) and "f" in names_in(amount) for amount in (self.x, self.y, self.z))
 
 
 def check_references(regions: Sequence[Region], loads: Sequence[Any]) -> list[Problem]:
@@ -161,20 +191,6 @@ def check_sets(table: str, mesh: Mesh, items: Sequence[Any]) -> list[Problem]:
     ]
 
 
-def check_tractions(regions: Sequence[Region], peridynamics: Peridynamics, loads: Sequence[Any]) -> list[Problem]:
-    if has_model(regions, "finite_elements") or peridynamics.surface_correction == "fitted":
-        return []
-    return [
-        Problem(
-            f"loads.{index}.kind",
-            '= "traction" acts on finite elements, and no region has any. Use kind = "body_force" on the '
-            "same face, as in sec. 4.1 of the paper.",
-        )
-        for index, load in enumerate(loads)
-        if isinstance(load, Traction)
-    ]
-
-
 def check_mirrored_loads(mesh: Mesh, loads: Sequence[Any]) -> list[Problem]:
     """A mirror plane is inside of the whole body: nothing pulls at it."""
     return [
@@ -184,7 +200,7 @@ def check_mirrored_loads(mesh: Mesh, loads: Sequence[Any]) -> list[Problem]:
             "whole body. Pull at another face, or remove the mirror.",
         )
         for index, load in enumerate(loads)
-        if isinstance(load, Traction) and load.face in mesh.symmetry
+        if isinstance(load, Traction | Pressure) and load.face in mesh.symmetry
     ]
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from pdfem_mpi.deck.removals import Removal
 from pdfem_mpi.deck.table import AXES, Face, Problem, Table, Vector, key, show
 
 SPACING_TOLERANCE = 1e-6  # relative misfit of a side and a whole number of spacings: decks print 6 digits
@@ -86,9 +87,12 @@ class BoxMesh(_CubicCells):
         Edge of a cell (the paper's Delta).
     symmetry : faces "x-", "x+", "y-", "y+", "z-", "z+"
         Faces of the box that are mirror planes; the box is then the part of the body between them.
+    remove : tables of `deck.removals`
+        What is taken out of the box: ``[[mesh.remove]]``. Faces and mirror planes are then those of what is left.
     """
 
     kind: Literal["box"] = key("box")
+    remove: tuple[Removal, ...] = key(())
 
 
 class PlateWithHoleMesh(_CubicCells):

@@ -18,6 +18,7 @@ from pdfem_mpi.deck.mechanical_probes import (
     names_problems,
 )
 from pdfem_mpi.deck.meshes import Mesh
+from pdfem_mpi.deck.opening_probe import OpeningProbe
 from pdfem_mpi.deck.regions import Region, has_model, repeated_names
 from pdfem_mpi.deck.table import Problem, Table, Vector, key, show
 
@@ -34,11 +35,20 @@ BAR_RESULTS = (
 
 
 class DisplacementProbe(Table):
-    """Displacement at a named point; a ``[[probes]]`` table with ``kind = "displacement"``."""
+    """Displacement at a named point; a ``[[probes]]`` table with ``kind = "displacement"``.
+
+    Its columns in history.csv are ``NAME.u_x``, ``NAME.u_y`` and ``NAME.u_z``.
+    """
 
     kind: Literal["displacement"]
     name: str = key(min_length=1, remedy="Give the probe a name; results are listed under it.")
     point: Vector = key(dimension="length", remedy="Give the point, for example [5.0, 0.0, 0.0].")
+
+    def problems(self) -> list[Problem]:
+        """A name on one line: columns are called by it."""
+        if "\n" not in self.name and "\r" not in self.name:
+            return []
+        return [Problem("name", f"= {show(self.name)} has a line break, and columns are called by it. Take it out.")]
 
 
 class BarProbe(Table):
@@ -95,7 +105,7 @@ class LineProbe(Table):
 
 
 Probe = Annotated[
-    DisplacementProbe | BarProbe | LineProbe | PointProbe | SetProbe | CutProbe | EnergyReleaseProbe,
+    DisplacementProbe | BarProbe | LineProbe | PointProbe | SetProbe | CutProbe | EnergyReleaseProbe | OpeningProbe,
     Field(discriminator="kind"),
 ]
 
@@ -108,12 +118,19 @@ class Output(Table):
     fields : bool, or names
         ``points.vtkhdf`` and ``elements.vtkhdf``: false writes neither, true (default) the displacement, a list the
         fields that it names (``docs/results.md`` says what each is).
+    body : bool
+        ``body.vtkhdf`` too, all cells in one file, where there is peridynamics.
+    every : int, >= 1
+        A frame of the fields at every so many rows of the history, and at the last.
     figures : bool
     damage : bool
-        Local damage of the peridynamic points (eq. 5) in ``points.vtkhdf``; the same as ``"damage"`` in a list.
+        Local damage of the peridynamic points (eq. 5) in ``points.vtkhdf``, its mean over a cell in ``body.vtkhdf``;
+        the same as ``"damage"`` in a list.
     """
 
     fields: SkipValidation[bool | tuple[str, ...]] = key(True)
+    body: bool = key(True)
+    every: int = key(1, ge=1)
     figures: bool = key(True)
     damage: bool = key(False)
 
@@ -134,13 +151,17 @@ class Output(Table):
         return tuple(name for name in self.names if name in MECHANICAL_FIELDS + GAUSS_FIELDS)
 
     def problems(self) -> list[Problem]:
-        """Names of fields, and a file for the damage to stand in."""
+        """Names of fields, a file for the damage to stand in, and frames to count."""
         if not isinstance(self.fields, bool) and not is_list_of_names(self.fields):
             remedy = 'Use a list like ["displacement", "stress"], or true or false.'
             return [Problem("fields", f"= {show(self.fields)} is not true or false or a list of names. {remedy}")]
+        problems = [] if isinstance(self.fields, bool) else field_problems("fields", self.fields)
         if self.damage and not self.fields:
-            return [Problem("damage", "= true is a field, and fields = false writes none. Change one of the two.")]
-        return [] if isinstance(self.fields, bool) else field_problems("fields", self.fields)
+            problems += [Problem("damage", "= true is a field, and fields = false writes none. Change one of the two.")]
+        if self.every != 1 and not self.fields:
+            text = f"= {self.every} counts frames of fields, and fields = false writes none. Remove it."
+            problems += [Problem("every", text)]
+        return problems
 
 
 class Checkpoint(Table):
@@ -172,6 +193,20 @@ def check_damage(output: Output, regions: Sequence[Region]) -> list[Problem]:
     if output.damage:
         return [Problem("output.damage", "= true counts broken bonds, and no region has any. Remove it.")]
     return [Problem("output.fields", 'has "damage", which counts broken bonds, and no region has any. Remove it.')]
+
+
+def check_column_names(probes: Sequence[Any], supports: Sequence[Any], loads: Sequence[Any]) -> list[Problem]:
+    """Columns of history.csv are called by names of probes, supports and loads: each is there once."""
+    first: dict[str, str] = {}
+    problems = []
+    for table, items in (("probes", probes), ("supports", supports), ("loads", loads)):
+        for index, item in enumerate(items):
+            name, where = getattr(item, "name", None), f"{table}.{index}"
+            other = first.setdefault(name, where) if name is not None else where
+            if other.split(".")[0] != table or (other != where and table != "probes"):
+                text = f"= {show(name)} is the name of {other} already, and columns are called by it. Choose another."
+                problems.append(Problem(f"{where}.name", text))
+    return problems
 
 
 def check_probe_names(probes: Sequence[Any]) -> list[Problem]:

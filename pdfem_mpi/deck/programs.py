@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
 from pdfem_mpi.deck.amplitudes import amplitude_problems, between, through_nothing
-from pdfem_mpi.deck.loads import Support
-from pdfem_mpi.deck.peridynamics import Peridynamics
 from pdfem_mpi.deck.table import Problem, Table, key, show
 
 
@@ -19,15 +16,16 @@ class Solver(Table):
 
     Attributes
     ----------
-    kind : "adr" or "cg"
-        Adaptive dynamic relaxation, eqs (31)-(35), as in the paper; or preconditioned conjugate gradients.
+    kind : "cg" or "adr"
+        Preconditioned conjugate gradients (default), in about twenty evaluations; or adaptive dynamic relaxation, eqs
+        (31)-(35), as in the paper. With ``stepping.kind = "ramp"``, which is relaxation, the default is "adr".
     tolerance : float, above 0 and below 1, dimension 1
         Residual relative to the external force, or to the reactions where there is none.
     max_evaluations : int, >= 1
         Force evaluations of one load step before the run ends as not converged.
     """
 
-    kind: Literal["adr", "cg"] = key("adr")
+    kind: Literal["adr", "cg"] = key("cg")
     tolerance: float = key(1.0e-6, gt=0, lt=1, dimension="1")
     max_evaluations: int = key(200_000, ge=1)
 
@@ -149,9 +147,15 @@ class Events(Table):
         The run ends here; None (default): no such limit.
     end_reaction : float, above 0 and below 1, dimension 1
         The run ends when the reaction at held load has fallen below this fraction of the peak.
-    control : "load" or "energy"
+    end_opening : float or None, > 0, dimension length
+        Under opening control, the run ends at this opening; None (default): no such limit.
+    control : "load", "energy" or "opening"
         "load": broken bonds unload the body at a held load, until none is left to break. "energy": after each batch
-        the load is scaled so that the next bond is about to break, which follows snap-backs.
+        the load is scaled so that the next bond is about to break, which follows snap-backs. "opening": after each
+        batch the load is scaled so that the next bond is about to break, or so that the opening is the largest so far
+        where it would be less: the opening never shrinks, as in a laboratory that controls it.
+    opening : str or None
+        Under opening control, the name of a probe of kind "opening".
     report_every : int, >= 1
         Batches between two rows of the history within an avalanche.
     tooth_ratio : float or None, above 1 to 2, dimension 1
@@ -167,7 +171,9 @@ class Events(Table):
     arrest_tolerance: float = key(1.0e-3, gt=0, lt=1, dimension="1")
     end_load_factor: float | None = key(None, gt=0, dimension="1")
     end_reaction: float = key(0.05, gt=0, lt=1, dimension="1")
-    control: Literal["load", "energy"] = key("load")
+    end_opening: float | None = key(None, gt=0, dimension="length")
+    control: Literal["load", "energy", "opening"] = key("load")
+    opening: str | None = key(None)
     report_every: int = key(10, ge=1)
     tooth_ratio: float | None = key(None, gt=1, le=2, dimension="1")
     times: tuple[float, ...] | None = key(None, min_length=1, dimension="1")
@@ -182,6 +188,10 @@ class Events(Table):
         return through_nothing(self.times, self.load_factors)
 
     def problems(self) -> list[Problem]:
+        """What belongs together: an opening and its control, times and load factors."""
+        return [*self._problems_of_opening(), *self._problems_of_times()]
+
+    def _problems_of_times(self) -> list[Problem]:
         """Times with load factors, where the load alone says how the program goes on and ends."""
         if self.times is None and self.load_factors is None:
             return []
@@ -192,9 +202,21 @@ class Events(Table):
         if self.end_load_factor is not None:
             text = f"= {show(self.end_load_factor)} ends a load that rises, and times say how it goes. Keep one."
             problems.append(Problem("end_load_factor", text))
-        if self.control == "energy":
-            problems.append(Problem("control", '= "energy" scales the load, and times prescribe it. Use "load".'))
+        if self.control != "load":
+            text = f'= {show(self.control)} scales the load, and times prescribe it. Use "load".'
+            problems.append(Problem("control", text))
         return problems
+
+    def _problems_of_opening(self) -> list[Problem]:
+        """An opening where it is controlled, and only there."""
+        if self.control == "opening":
+            remedy = 'Give opening = "NAME", the name of a probe with kind = "opening".'
+            return [] if self.opening else [Problem("control", f'= "opening" needs to know which. {remedy}')]
+        return [
+            Problem(name, f'= {show(getattr(self, name))} goes with control = "opening". Set that, or remove it.')
+            for name in ("opening", "end_opening")
+            if getattr(self, name) is not None
+        ]
 
     @property
     def n_steps(self) -> int | None:
@@ -206,45 +228,19 @@ def _steps_by_default(value: Any) -> Any:
     return {"kind": "steps", **value} if isinstance(value, dict) else value
 
 
+def with_solver(data: Any) -> Any:
+    """The tables of a scene; where a ramp names no solver, it is relaxation, which is the only one."""
+    if not isinstance(data, dict):
+        return data
+    stepping, solver = data.get("stepping"), data.get("solver", {})
+    kind = stepping.get("kind") if isinstance(stepping, dict) else getattr(stepping, "kind", None)
+    if kind != "ramp":
+        return data
+    if isinstance(solver, Solver) and "kind" not in solver.model_fields_set:
+        return data | {"solver": solver.model_copy(update={"kind": "adr"})}
+    if isinstance(solver, dict) and "kind" not in solver:
+        return data | {"solver": {"kind": "adr", **solver}}
+    return data
+
+
 Stepping = Annotated[Steps | Ramp | Events, Field(discriminator="kind"), BeforeValidator(_steps_by_default)]
-
-
-def check_events_over_time(stepping: Any, peridynamics: Peridynamics) -> list[Problem]:
-    """Loads that come and go from break to break: bodies that answer in proportion to them."""
-    if stepping.kind != "events" or stepping.times is None or peridynamics.kinematics == "linear":
-        return []
-    text = 'scales states with the load, which finite kinematics do not. Use peridynamics.kinematics = "linear".'
-    return [Problem("stepping.times", text)]
-
-
-def check_stepping_solver(stepping: Any, solver: Solver) -> list[Problem]:
-    needed = {"ramp": "adr", "events": "cg"}.get(stepping.kind, solver.kind)
-    if solver.kind == needed:
-        return []
-    return [
-        Problem(
-            "solver.kind",
-            f"= {show(solver.kind)} does not go with stepping.kind = {show(stepping.kind)}, which "
-            + ("is relaxation" if needed == "adr" else "needs a solver for equilibrium")
-            + f'. Use "{needed}".',
-        )
-    ]
-
-
-def check_something_loads(stepping: Any, loads: Sequence[Any], supports: Sequence[Support]) -> list[Problem]:
-    """Failure needs a load: a force, or a support that moves."""
-    amounts = [
-        component
-        for load in loads
-        for vector in (getattr(load, "total", None), getattr(load, "density", None), getattr(load, "traction", None))
-        for component in vector or ()
-    ] + [component for support in supports for component in (support.x, support.y, support.z)]
-    if stepping.kind == "steps" or any(amounts):
-        return []
-    return [
-        Problem(
-            "stepping.kind",
-            f"= {show(stepping.kind)} raises the load until bonds break, and nothing loads the body. "
-            "Add a table [[loads]], or a support that moves.",
-        )
-    ]

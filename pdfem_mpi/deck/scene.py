@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from pdfem_mpi.deck.failure_checks import check_failure, check_softening
+from pdfem_mpi.deck.cracks import AnyCrack
 from pdfem_mpi.deck.loads import (
     Load,
     Support,
@@ -24,7 +24,6 @@ from pdfem_mpi.deck.loads import (
     check_references,
     check_sets,
     check_support_references,
-    check_tractions,
 )
 from pdfem_mpi.deck.materials import (
     BOND_POISSONS_RATIO,
@@ -40,28 +39,29 @@ from pdfem_mpi.deck.outputs import (
     Checkpoint,
     Output,
     Probe,
+    check_column_names,
     check_damage,
     check_mirrored_bars,
     check_probe_names,
 )
 from pdfem_mpi.deck.peridynamics import (
     Coupling,
-    Crack,
     Peridynamics,
     check_cracks,
     check_cutoff,
     check_fitted,
     check_volumetric,
 )
-from pdfem_mpi.deck.programs import (
-    Events,
-    Solver,
-    Stepping,
-    Steps,
+from pdfem_mpi.deck.program_checks import (
     check_events_over_time,
+    check_failure,
+    check_formulas,
+    check_opening,
+    check_softening,
     check_something_loads,
     check_stepping_solver,
 )
+from pdfem_mpi.deck.programs import Events, Solver, Stepping, Steps, with_solver
 from pdfem_mpi.deck.regions import (
     Region,
     check_interfaces,
@@ -78,6 +78,11 @@ from pdfem_mpi.deck.temperatures import Temperature, check_temperature
 class Scene(Table):
     """What to simulate, complete and frozen; the whole deck.
 
+    Attributes
+    ----------
+    title : str
+        Above figures and tables.
+
     Raises
     ------
     pydantic.ValidationError
@@ -93,7 +98,7 @@ class Scene(Table):
     interfaces: tuple[Interface, ...] = key(())
     regions: tuple[Region, ...] = key(min_length=1, remedy="Add at least one table [[regions]] with name and model.")
     peridynamics: Peridynamics = Field(default_factory=Peridynamics)
-    cracks: tuple[Crack, ...] = key(())
+    cracks: tuple[AnyCrack, ...] = key(())
     coupling: Coupling = Field(default_factory=Coupling)
     loads: tuple[Load, ...] = key(())
     supports: tuple[Support, ...] = key(())
@@ -107,7 +112,7 @@ class Scene(Table):
     @model_validator(mode="before")
     @classmethod
     def _fill_in(cls, data: Any) -> Any:
-        return with_defaults(data)
+        return with_defaults(with_solver(data))
 
     def problems(self) -> list[Problem]:
         """What ``CHECKS`` find between the tables."""
@@ -167,16 +172,18 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("material", "materials", "interfaces", "regions", "stepping"), check_failure),
     (("material", "materials", "interfaces", "regions", "peridynamics", "stepping"), check_softening),
     (("stepping", "solver"), check_stepping_solver),
-    (("stepping", "peridynamics"), check_events_over_time),
+    (("stepping", "peridynamics", "loads"), check_events_over_time),
+    (("stepping", "probes"), check_opening),
+    (("stepping", "supports"), check_formulas),
     (("stepping", "loads", "supports"), check_something_loads),
     (("output", "regions"), check_damage),
     (("regions",), check_region_names),
     (("probes",), check_probe_names),
+    (("probes", "supports", "loads"), check_column_names),
     (("regions", "loads"), check_references),
     (("regions", "supports"), check_support_references),
-    (("regions", "peridynamics", "loads"), check_tractions),
     (("mesh", "regions", "material", "materials", "peridynamics", "coupling"), check_fitted),
-    (("regions", "material", "materials", "peridynamics"), check_volumetric),
+    (("regions", "material", "materials", "interfaces", "peridynamics"), check_volumetric),
     (("mesh", "regions"), functools.partial(check_sets, "regions")),
     (("mesh", "loads"), functools.partial(check_sets, "loads")),
     (("mesh", "supports"), functools.partial(check_sets, "supports")),

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import types
 from collections.abc import Iterable
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
 from pdfem_mpi.deck.partial import Place, is_table, kind_of, models_of, unwrap, walk
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.softening import PAIR
-from pdfem_mpi.deck.table import Problem, Table, Vector, did_you_mean, show
+from pdfem_mpi.deck.table import Pair, Problem, Table, Vector, did_you_mean, show
 
 WORDS = {float: "a number", int: "a whole number", str: 'a text in quotes ("...")', bool: "true or false"}
 LIMITS = (("gt", "above {}"), ("ge", "of {} or more"), ("lt", "below {}"), ("le", "of {} or less"))
@@ -49,6 +50,11 @@ def sentences(errors: Iterable[Any], data: dict[str, Any]) -> list[Problem]:
 
 
 def _other_home(name: str, table: type[Table]) -> str:
+    for field in Scene.model_fields.values():
+        models = models_of(field.annotation)
+        kinds = [kind_of(model) for model in models if table in models and name in model.model_fields]
+        if kinds:
+            return f' It is a key of kind = "{kinds[0]}": set that kind, or remove it.'
     homes = [
         other
         for other, field in Scene.model_fields.items()
@@ -58,11 +64,6 @@ def _other_home(name: str, table: type[Table]) -> str:
     ]
     if homes and name not in ("kind", "name"):
         return f" It is a key of {' and of '.join(homes)}: move it there."
-    for field in Scene.model_fields.values():
-        models = models_of(field.annotation)
-        kinds = [kind_of(model) for model in models if table in models and name in model.model_fields]
-        if kinds:
-            return f' It is a key of kind = "{kinds[0]}": set that kind, or remove it.'
     keys = ", ".join(table.model_fields)
     return f" Remove it; the keys here are {keys}."
 
@@ -108,7 +109,7 @@ def _sentence(item: Any, data: dict[str, Any]) -> Problem:
 
 def _table_or_list(place: Place, equals: str) -> str:
     if place.path.rpartition(".")[2].isdigit():
-        name = place.path.partition(".")[0]
+        name = place.path.rpartition(".")[0]
         return f"{equals} is not a table. Write each item as a table under [[{name}]]."
     home = place.path.partition(".")[0]
     if get_origin(Scene.model_fields[home].annotation) is dict:
@@ -134,10 +135,14 @@ def _words(annotation: Any) -> str:
         return "three numbers [x, y, z]"
     if annotation == PAIR:
         return "two numbers [opening, traction]"
+    if annotation == Pair:
+        return "two numbers"
     if origin is tuple:
         if models_of(annotation):
             return "a list of tables"
         return "a list of texts in quotes" if get_args(annotation)[0] is str else "a list of numbers"
+    if get_origin(annotation) in (types.UnionType, Union):
+        return " or ".join(_words(part) for part in get_args(annotation) if part is not type(None))
     return WORDS.get(annotation, "a table" if models_of(annotation) else "another value")
 
 

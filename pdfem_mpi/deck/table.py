@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Literal, NamedTuple, Self
 
@@ -11,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 Vector = tuple[float, float, float]
+Pair = tuple[float, float]
 Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
 AXES = ("x", "y", "z")
 LONGEST_NAME = 200  # characters: line_NAME.png.tmp is a file, whose name may have 255 bytes
@@ -129,8 +131,21 @@ class Absent:
         raise FieldMissing(name)
 
 
+def plain_name(name: str | None) -> list[Problem]:
+    """What is wrong with a name that columns are called by; None is none."""
+    if name is None or re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        return []
+    return [Problem("name", f"= {show(name)} names columns of history.csv. Use letters, digits, - and _ only.")]
+
+
 class Units(Table):
-    """Names of the units, for labels only; nothing is converted. Deck table ``[units]``."""
+    """Names of the units, for labels only; nothing is converted. Deck table ``[units]``.
+
+    Attributes
+    ----------
+    length, force : str
+        Such as "mm" and "N"; stresses are then in force / length^2.
+    """
 
     length: str = key("")
     force: str = key("")

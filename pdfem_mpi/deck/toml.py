@@ -18,6 +18,7 @@ from pydantic import ValidationError
 from pdfem_mpi.deck.limits import find_limits
 from pdfem_mpi.deck.overrides import OverrideProblem, apply, parse_overrides
 from pdfem_mpi.deck.partial import is_table, partial_tables, walk
+from pdfem_mpi.deck.programs import with_solver
 from pdfem_mpi.deck.scene import Scene, find_problems
 from pdfem_mpi.deck.sentences import sentences
 from pdfem_mpi.deck.table import DeckError, Problem, did_you_mean
@@ -160,6 +161,7 @@ def _validate(data: dict[str, Any], beyond: set[str]) -> tuple[Scene | None, lis
     """
     problems = []
     scene = None
+    data = with_solver(data)
     try:
         scene = Scene.model_validate(data)
         tables = {name: getattr(scene, name) for name in Scene.model_fields}
@@ -214,15 +216,25 @@ def write_deck(scene: Scene) -> str:
     for name, value in data.items():
         if get_origin(Scene.model_fields[name].annotation) is dict:
             blocks += [f"[{name}.{part}]\n{_lines(item)}" for part, item in value.items()]
-        elif isinstance(value, dict):
-            blocks.append(f"[{name}]\n{_lines(value)}")
-        elif is_table(value):
-            blocks += [f"[[{name}]]\n{_lines(item)}" for item in value]
+        else:
+            blocks += _blocks(name, value)
     return "\n".join(block for block in blocks if block)
 
 
+def _blocks(name: str, value: Any) -> list[str]:
+    """A table or a list of tables, each with the lists of tables in it behind it; nothing for other values."""
+    if not is_table(value):
+        return []
+    blocks = []
+    for item in (value,) if isinstance(value, dict) else value:
+        blocks.append((f"[{name}]\n" if isinstance(value, dict) else f"[[{name}]]\n") + _lines(item))
+        blocks += [block for part, inner in item.items() for block in _blocks(f"{name}.{part}", inner)]
+    return blocks
+
+
 def _lines(table: dict[str, Any]) -> str:
-    return "".join(f"{name} = {_toml(value)}\n" for name, value in table.items() if value not in ("", ()))
+    plain = {name: value for name, value in table.items() if not is_table(value) and value not in ("", ())}
+    return "".join(f"{name} = {_toml(value)}\n" for name, value in plain.items())
 
 
 def _toml(value: Any) -> str:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdfem_mpi.body.locating import locate
 from pdfem_mpi.deck.outputs import LineProbe
-from pdfem_mpi.measure.displacement import interpolate, locate
+from pdfem_mpi.measure.displacement import interpolate
 from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.measure.geometry import Geometry
 

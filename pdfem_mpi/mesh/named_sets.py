@@ -19,6 +19,7 @@ KINDS = {
     "regions": ("cell_sets",),
     "body_force": ("cell_sets", "face_sets", "node_sets"),
     "traction": ("face_sets", "node_sets"),
+    "pressure": ("face_sets", "node_sets"),
     "supports": ("node_sets", "face_sets", "cell_sets"),
 }
 WORDS = {"cell_sets": "cells", "face_sets": "faces", "node_sets": "nodes"}
@@ -116,7 +117,7 @@ def cells_of(mesh: HexMesh, entry, where: str) -> np.ndarray:
 
 def faces_of(mesh: HexMesh, entry, where: str) -> tuple[np.ndarray, np.ndarray]:
     """Faces that a traction means, as `faces` gives them."""
-    return faces(mesh, entry.set, kind_of(mesh, entry.set, "traction", f"{where}.set"), f"{where}.set")
+    return faces(mesh, entry.set, kind_of(mesh, entry.set, purpose_of(entry), f"{where}.set"), f"{where}.set")
 
 
 def nodes_of(mesh: HexMesh, entry, where: str) -> np.ndarray:

@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.deck.loads import BodyForce
+from pdfem_mpi.deck.loads import BodyForce, Force
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_volumes
-from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.model.balance import find_unbalanced, remove_free_motion, without_equilibrium
+from pdfem_mpi.model.body_forces import density, lump_on_nodes, point_forces
+from pdfem_mpi.model.gauges import Gauge, gauge_of
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import combine, free_motions, rigid_gram, rigid_modes
 from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsupported
-from pdfem_mpi.model.supports import prescribe
+from pdfem_mpi.model.supports import Following, prescribe
 from pdfem_mpi.model.thermal import Thermal, make_thermal
 from pdfem_mpi.model.tractions import traction_forces
 from pdfem_mpi.parallel.sums import exact_dots
@@ -62,6 +62,12 @@ class LoadCase:
     taken : float64, shape (3,), dimension force
         Sums of the forces along x, y and z that loads put on held places, where supports take them at once; NaN where
         there are none.
+    constant : float64, shape (n_unknowns,), dimension force, or None
+        Forces that act whatever the load factor is.
+    following : tuple of Following
+        Prescribed displacements that are formulas of the load factor.
+    opening : Gauge or None
+        What the load program controls, where it is an opening.
     """
 
     external: np.ndarray
@@ -77,7 +83,22 @@ class LoadCase:
     reach: float
     load: float
     taken: np.ndarray
+    constant: np.ndarray | None = None
+    following: tuple[Following, ...] = ()
+    opening: Gauge | None = None
     thermal: Thermal | None = None
+
+    def forces(self, load_factor: float) -> np.ndarray:
+        """The external forces at a load factor; float64, shape (n_unknowns,)."""
+        if self.constant is None:
+            return load_factor * self.external
+        return load_factor * self.external + self.constant
+
+    def displace(self, u: np.ndarray, load_factor: float) -> None:
+        """Give the fixed unknowns their displacements at a load factor."""
+        u[self.fixed] = load_factor * self.prescribed[self.fixed]
+        for part in self.following:
+            u[part.index] = part.at(load_factor)
 
 
 def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
@@ -90,31 +111,23 @@ def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
         loads that are not in balance along a motion no support holds.
     """
     messages: list[str] = []
-    fitted = scene.peridynamics.surface_correction == "fitted"
-    on_cells, on_nodes, on_points = _sum_loads(scene, share, fitted, messages)
-    prescription = prescribe(scene, share, messages)
+    external = _forces(scene, share, model, messages, constant=False)
+    constant = _forces(scene, share, model, messages, constant=True) if any(x.constant for x in scene.loads) else None
+    prescription = prescribe(scene, share, model, messages)
     if messages:
         raise SceneError(messages)
 
-    _lump_on_nodes(share, on_cells, on_nodes)
-    on_free_points = _point_forces(share, model, on_cells)
-    if model.points and fitted:
-        on_free_points += cluster_layout(on_points[share.subdomain.free])
-    external = _join(share, model, on_free_points, on_nodes)
-    amounts, holders = (
-        _join(share, model, _pick_points(share, model, on_cells), on_nodes) for on_cells, on_nodes in prescription
-    )
-    del on_free_points, prescription
-    fixed = ~np.isnan(amounts)
+    fixed = ~np.isnan(prescription.amounts)
     prescribed = np.zeros(model.n_unknowns)
-    prescribed[fixed] = amounts[fixed]
+    prescribed[fixed] = prescription.amounts[fixed]
     held = tuple(
-        tuple(np.flatnonzero((holders == k) & (model.unknowns.components() == d)) for d in range(3))
+        tuple(np.flatnonzero((prescription.holders == k) & (model.unknowns.components() == d)) for d in range(3))
         for k in range(len(scene.supports))
     )
-    del amounts, holders
-    taken = _on_held(model, external, fixed)
+    taken = _on_held(model, external if constant is None else external + constant, fixed)
     external[fixed] = 0.0
+    if constant is not None:
+        constant[fixed] = 0.0
     free, parts = free_motions(model, fixed), find_parts(model)
     unsupported = find_unsupported(model, parts, fixed) if parts.count > 1 else ()
     volume = _volume(share, model) if len(free) or unsupported else None
@@ -128,13 +141,17 @@ def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
         parts=parts,
         unsupported=unsupported,
         held=held,
-        moves=tuple(any((s.x, s.y, s.z)) for s in scene.supports),
-        reach=_largest_displacement(scene, share),
-        load=_one_way(model, external),
+        moves=tuple(size > 0.0 for size in prescription.reach),
+        reach=max(prescription.reach, default=0.0),
+        load=_one_way(model, external) or (0.0 if constant is None else _one_way(model, constant)),
         taken=taken,
+        constant=constant,
+        following=prescription.following,
+        opening=_controlled(scene, share, model),
     )
-    if messages := find_unbalanced(model, free, parts, unsupported, external):
-        raise SceneError(messages)
+    for forces in (external,) if constant is None else (external, constant):
+        if messages := find_unbalanced(model, free, parts, unsupported, forces):
+            raise SceneError(messages)
     return _with_thermal(scene, share, model, case)
 
 
@@ -146,8 +163,26 @@ def _with_thermal(scene: Scene, share: Share, model: Model, case: LoadCase) -> L
     return replace(case, external=case.external + np.where(case.fixed, 0.0, thermal.forces), thermal=thermal)
 
 
-def _sum_loads(scene: Scene, share: Share, fitted: bool, messages: list[str]):
+def _forces(scene: Scene, share: Share, model: Model, messages: list[str], constant: bool) -> np.ndarray:
+    """Forces of the loads that grow, or of those that are constant, over the unknowns. Collective."""
+    on_cells, on_nodes, on_points = _sum_loads(scene, share, messages, constant)
+    lump_on_nodes(share, on_cells, on_nodes)
+    on_free_points = point_forces(share, model, on_cells)
+    if model.points and on_points.any():
+        on_free_points += cluster_layout(on_points[share.subdomain.free])
+    return _join(share, model, on_free_points, on_nodes)
+
+
+def _controlled(scene: Scene, share: Share, model: Model) -> Gauge | None:
+    """The opening that the load program controls, if it does."""
+    name = getattr(scene.stepping, "opening", None)
+    return None if name is None else gauge_of(share, model, share.probes[f"{name}.opening"])
+
+
+def _sum_loads(scene: Scene, share: Share, messages: list[str], constant: bool):
     """Body forces per volume of cells, and tractions on nodes and on the points of cells. Collective.
+
+    Of the loads that are constant, or of the others.
 
     Returns
     -------
@@ -158,14 +193,20 @@ def _sum_loads(scene: Scene, share: Share, fitted: bool, messages: list[str]):
     on_points = np.zeros((len(share.mesh.cells), 8, 3))
     selections = share.selections
     for index, (load, chosen) in enumerate(zip(scene.loads, selections.loads, strict=True)):
+        if load.constant != constant:
+            continue
         messages += selections.problems_of_loads[index]
         if chosen is None:
             continue
         try:
             if isinstance(load, BodyForce):
-                on_cells[chosen.cells] += _density(share, load, chosen.cells)
+                on_cells[chosen.cells] += density(share, load, chosen.cells)
+            elif isinstance(load, Force):
+                force = share.units.numbers(np.array(load.total) / share.units.force)
+                on_nodes[chosen.nodes] += chosen.node_parts[:, None] * force
+                np.add.at(on_points, tuple(chosen.points.T), chosen.point_parts[:, None] * force)
             else:
-                nodal, of_points = traction_forces(share, load, chosen, f"loads.{index}", fitted)
+                nodal, of_points = traction_forces(share, load, chosen, f"loads.{index}")
                 on_nodes += nodal
                 on_points += of_points
         except SceneError as error:
@@ -177,15 +218,22 @@ def without_loads_on_loose_parts(model: Model, case: LoadCase) -> tuple[LoadCase
     """The load case less the loads of parts that no equilibrium holds now; those parts. Collective."""
     rows, parts = without_equilibrium(model, case.fixed, case.external)
     external = np.where(rows, 0.0, case.external)
-    return replace(case, external=external, load=_one_way(model, external)), parts
+    if case.constant is None:
+        return replace(case, external=external, load=_one_way(model, external)), parts
+    others, more = without_equilibrium(model, case.fixed, case.constant)
+    external, constant = (np.where(rows | others, 0.0, forces) for forces in (case.external, case.constant))
+    load = _one_way(model, external) or _one_way(model, constant)
+    known = {part.text for part in parts}
+    parts += [part for part in more if part.text not in known]
+    return replace(case, external=external, constant=constant, load=load), parts
 
 
 def _volume(share: Share, model: Model) -> np.ndarray:
     """Share of the body's volume that each unknown stands for; float64, shape (n_unknowns,)."""
     ones = np.ones((len(share.mesh.cells), 3))
     on_nodes = np.zeros((len(share.nodes), 3))
-    _lump_on_nodes(share, ones, on_nodes)
-    return _join(share, model, _point_forces(share, model, ones), on_nodes)
+    lump_on_nodes(share, ones, on_nodes)
+    return _join(share, model, point_forces(share, model, ones), on_nodes)
 
 
 def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarray:
@@ -195,13 +243,6 @@ def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarra
     ones = np.ones_like(force)
     sums = exact_dots(model.comm, [(values, ones) for side in sides for values in (side, np.abs(side))]).reshape(3, 2)
     return np.where(sums[:, 1] > 0.0, sums[:, 0], np.nan)
-
-
-def _largest_displacement(scene: Scene, share: Share) -> float:
-    """Largest prescribed component, model units."""
-    units = share.units
-    prescribed = (a for s in scene.supports for a in (s.x, s.y, s.z))
-    return float(units.numbers(max((abs(a) for a in prescribed if a), default=0.0) / units.length))
 
 
 def _one_way(model: Model, external: np.ndarray) -> float:
@@ -229,42 +270,6 @@ def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
     work = exact_dots(model.comm, ((weighted, mode) for mode in rigid_modes(model)))
     motions = case.free_motions
     u -= combine(model, np.linalg.solve(motions @ case.rigid_gram @ motions.T, motions @ work) @ motions)
-
-
-def _density(share: Share, load: BodyForce, cells: np.ndarray) -> np.ndarray:
-    """Body force per volume on the chosen cells, (3,), model units. Collective."""
-    units = share.units
-    if load.density is not None:
-        return units.numbers(np.array(load.density) * (units.length / units.stress))
-    volumes = gauss_volumes(share.nodes[share.mesh.cells[cells[share.is_owned[cells]]]])
-    return units.numbers(np.array(load.total) / units.force / share.exact_sums([volumes])[0])
-
-
-def _lump_on_nodes(share: Share, on_cells: np.ndarray, on_nodes: np.ndarray) -> None:
-    """Add the body force of elements and overlap cells to their nodes (26)."""
-    cells = np.flatnonzero(share.has_nodes & (on_cells != 0).any(axis=1))
-    corners = share.mesh.cells[cells]
-    volumes = gauss_volumes(share.nodes[corners])
-    for a in range(8):
-        part = np.zeros(len(cells))
-        for p in range(8):
-            part += SHAPE_AT_GAUSS[p, a] * volumes[:, p]
-        np.add.at(on_nodes, corners[:, a], part[:, None] * on_cells[cells])
-
-
-def _point_forces(share: Share, model: Model, on_cells: np.ndarray) -> np.ndarray:
-    """Body force times volume of the free points, flat in cluster layout."""
-    if not model.points or not on_cells.any():
-        return np.zeros(3 * model.unknowns.n_points)
-    density = _pick_points(share, model, on_cells)
-    return density * np.repeat(model.points.volume[: model.unknowns.n_points].reshape(-1, 1, W), 3, axis=1).reshape(-1)
-
-
-def _pick_points(share: Share, model: Model, on_cells: np.ndarray) -> np.ndarray:
-    """Values of the free cells, repeated for their points, flat in cluster layout."""
-    if not model.points:
-        return np.empty(0)
-    return cluster_layout(np.repeat(on_cells[share.subdomain.free][:, None, :], 8, axis=1))
 
 
 def _join(share: Share, model: Model, on_points: np.ndarray, on_nodes: np.ndarray) -> np.ndarray:

@@ -1,64 +1,202 @@
-"""Prescribed displacements of a deck, on cells with points and on nodes."""
+"""Prescribed displacements of a deck, over the unknowns of a rank."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.parallel.comm import sum_integers
+from pdfem_mpi.deck.table import AXES, show
+from pdfem_mpi.model.formula_values import evaluate
+from pdfem_mpi.model.model import Model
+from pdfem_mpi.model.parts import positions
+from pdfem_mpi.parallel.comm import largest, sum_integers
 
 
-def prescribe(scene: Scene, share: Share, messages: list[str]):
-    """Prescribed displacements, model units, and the supports that prescribe them; NaN where free. Collective.
+@dataclass(frozen=True)
+class Following:
+    """Unknowns whose displacement is a formula of the load factor.
 
-    Both for the points of the share's cells (n_cells, 3) and for its nodes (n_nodes, 3).
+    Attributes
+    ----------
+    index : int64, shape (n,)
+    text : str
+    x : float64, shape (n, 3), dimension length
+        Their places, the deck's units.
+    length : float
+        One model unit, the deck's.
     """
-    on_cells = np.full((len(share.mesh.cells), 3), np.nan)
-    on_nodes = np.full((len(share.nodes), 3), np.nan)
-    by_cells, by_nodes = on_cells.copy(), on_nodes.copy()
-    mirrored = share.plane_components
-    own_nodes = np.zeros(len(share.nodes), bool)
-    own_nodes[share.subdomain.owned_nodes] = True
+
+    index: np.ndarray
+    text: str
+    x: np.ndarray
+    length: float
+
+    def at(self, load_factor: float) -> np.ndarray:
+        """Displacements, model units, shape (n,)."""
+        return _of_formula(self.text, self.x, load_factor) / self.length
+
+
+@dataclass(frozen=True)
+class Prescription:
+    """What all supports prescribe, at load factor 1 and in model units.
+
+    Attributes
+    ----------
+    amounts : float64, shape (n_unknowns,), dimension length
+        NaN where nothing is prescribed.
+    holders : float64, shape (n_unknowns,)
+        Number of the support that prescribes it, else NaN.
+    following : tuple of Following
+    reach : tuple of float, dimension length
+        Largest amount of each support, on all ranks.
+    """
+
+    amounts: np.ndarray
+    holders: np.ndarray
+    following: tuple[Following, ...]
+    reach: tuple[float, ...]
+
+
+def prescribe(scene: Scene, share: Share, model: Model, messages: list[str]) -> Prescription:
+    """Prescribed displacements of this rank's unknowns; ``messages`` get what is wrong. Collective."""
+    found = Prescription(np.full(model.n_unknowns, np.nan), np.full(model.n_unknowns, np.nan), (), ())
+    places = _Places(share, model)
+    mirrored = np.zeros(model.n_unknowns, bool)
+    mirrored[model.rollers] = True
+    following: list[Following] = []
+    reach: list[float] = []
     for index, (support, chosen) in enumerate(zip(scene.supports, share.selections.supports, strict=True)):
         where = f"supports.{index}"
         messages += share.selections.problems_of_supports[index]
-        if chosen is None:
-            continue
-        cells, nodes = chosen.cells[~share.has_nodes[chosen.cells]], chosen.nodes
-        for d, amount in enumerate((support.x, support.y, support.z)):
+        sizes = [0.0]
+        for d, amount in enumerate((support.x, support.y, support.z) if chosen else ()):
             if amount is None:
                 continue
-            displacement = float(share.units.numbers(amount / share.units.length))
-            through = _count(share, own_nodes[nodes] & mirrored[nodes, d]) if amount and share.mirrors else 0
-            if through:
-                messages.append(
-                    f"{where}.{'xyz'[d]} = {amount:.6g} moves {through} nodes out of a mirror plane (mesh.symmetry). "
-                    "Keep the support off the plane, or remove the mirror."
-                )
-            for table, holder, places, owned, numbers in (
-                (on_cells, by_cells, cells, share.is_owned, share.mesh.cell_id),
-                (on_nodes, by_nodes, nodes, own_nodes, share.mesh.node_id),
+            of_points, of_nodes = (rows[:, d] for rows in places.unknowns(chosen))
+            unknowns = np.concatenate([of_points, of_nodes])
+            units = share.units
+            if isinstance(amount, str):
+                x = places.positions(chosen)
+                values = _of_formula(amount, x, 1.0)
+                messages += _not_finite(share, f"{where}.{AXES[d]}", amount, x, values)
+                values = units.numbers(values / units.length)
+                if support.follows_factor:
+                    following.append(Following(unknowns, amount, x, units.length))
+            else:
+                values = np.full(len(unknowns), units.numbers(amount / units.length))
+            sizes.append(float(largest(share.comm, np.array([np.abs(values).max(initial=0.0)]))[0]))
+            messages += _out_of_planes(share, where, d, amount, mirrored[unknowns] & (values != 0.0))
+            for rows, numbers, own in (
+                (of_points, places.cells_of(chosen), values[: len(of_points)]),
+                (of_nodes, places.nodes_of(chosen), values[len(of_points) :]),
             ):
-                before = table[places, d]
-                other = owned[places] & ~np.isnan(before) & (before != displacement)
-                if count := _count(share, other):
-                    value = _first(share, numbers[places[other]], before[other]) * share.units.length
-                    messages.append(
-                        f"{where}.{'xyz'[d]} = {amount:.6g} contradicts {value:.6g}, prescribed by an earlier support "
-                        f"at {count} of the same places. Keep one of them."
-                    )
-                table[places, d] = displacement
-                holder[places, d] = index
-    on_nodes[mirrored] = 0.0
-    return (on_cells, on_nodes), (by_cells, by_nodes)
+                before = found.amounts[rows]
+                other = ~np.isnan(before) & (before != own)
+                messages += _contradictions(share, f"{where}.{AXES[d]}", amount, numbers[other], before[other])
+                found.amounts[rows], found.holders[rows] = own, index
+        reach.append(max(sizes))
+    found.amounts[model.rollers] = 0.0
+    return Prescription(found.amounts, found.holders, tuple(following), tuple(reach))
 
 
-def _count(share: Share, chosen: np.ndarray) -> int:
-    return int(sum_integers(share.comm, np.array([np.count_nonzero(chosen)]))[0])
+class _Places:
+    """Unknowns and positions of the chosen points and nodes that this rank owns: points first."""
+
+    def __init__(self, share: Share, model: Model):
+        self.share, self.model = share, model
+        self.free = _inverse(share.subdomain.free, len(share.mesh.cells))
+        self.owned = _inverse(share.subdomain.owned_nodes, len(share.nodes))
+        self.table = model.unknowns.rows(np.arange(model.n_unknowns)).astype(np.int64) if model.n_unknowns else None
+
+    def rows(self, chosen) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of points and of nodes, in the order of `Unknowns.rows`."""
+        cells = self.free[chosen.cells]
+        whole = 8 * cells[cells >= 0][:, None] + np.arange(8)
+        cell = self.free[chosen.points[:, 0]]
+        single = 8 * cell[cell >= 0] + chosen.points[cell >= 0, 1]
+        nodes = self.owned[chosen.nodes] if self.model.nodes else np.empty(0, np.int64)
+        return np.concatenate([whole.reshape(-1), single]), self.model.unknowns.n_points + nodes[nodes >= 0]
+
+    def unknowns(self, chosen) -> tuple[np.ndarray, np.ndarray]:
+        """Unknowns of points and of nodes, shape (n, 3) each."""
+        none = np.empty((0, 3), np.int64)
+        return tuple(none if self.table is None else self.table[rows] for rows in self.rows(chosen))
+
+    def positions(self, chosen) -> np.ndarray:
+        """Where they are, the deck's units, shape (n, 3)."""
+        units = self.share.units
+        return positions(self.model)[np.concatenate(self.rows(chosen))] * units.length + units.origin
+
+    def cells_of(self, chosen) -> np.ndarray:
+        """Number of each point's cell in the mesh."""
+        return self.share.mesh.cell_id[self.share.subdomain.free[self.rows(chosen)[0] // 8]]
+
+    def nodes_of(self, chosen) -> np.ndarray:
+        """Number of each node in the mesh."""
+        rows = self.rows(chosen)[1] - self.model.unknowns.n_points
+        return self.share.mesh.node_id[self.share.subdomain.owned_nodes[rows]]
+
+
+def _inverse(places: np.ndarray, n: int) -> np.ndarray:
+    """Where each of n things stands in a list, -1 where it does not."""
+    inverse = np.full(n, -1)
+    inverse[places] = np.arange(len(places))
+    return inverse
+
+
+def _of_formula(text: str, x: np.ndarray, load_factor: float) -> np.ndarray:
+    """Values of a formula at places (n, 3), the deck's units; float64, shape (n,)."""
+    values = evaluate(text, {"x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "f": load_factor})
+    return np.array(np.broadcast_to(values, len(x)))
+
+
+def _not_finite(share: Share, key: str, text: str, x: np.ndarray, values: np.ndarray) -> list[str]:
+    """A sentence about values of a formula that are not finite. Collective."""
+    bad = ~np.isfinite(values)
+    own = tuple(x[bad][np.lexsort(x[bad].T)[0]].tolist()) if bad.any() else None
+    found = [place for place in share.comm.allgather(own) if place]
+    if not found:
+        return []
+    place = ", ".join(f"{c:.6g}" for c in min(found))
+    return [f"{key} = {show(text)} is not finite at ({place}). Use a formula that is finite at all of the support."]
+
+
+def _out_of_planes(share: Share, where: str, d: int, amount: float | str, through: np.ndarray) -> list[str]:
+    """A sentence about nodes that a support moves out of a mirror plane. Collective."""
+    count = _count(share, len(np.flatnonzero(through))) if share.mirrors else 0
+    if not count:
+        return []
+    return [
+        f"{where}.{AXES[d]} = {_shown(amount)} moves {count} nodes out of a mirror plane (mesh.symmetry). Keep the "
+        "support off the plane, or remove the mirror."
+    ]
+
+
+def _contradictions(share: Share, key: str, amount: float | str, numbers: np.ndarray, before: np.ndarray) -> list[str]:
+    """A sentence about places where an earlier support prescribes something else. Collective."""
+    count = _count(share, len(np.unique(numbers)))
+    if not count:
+        return []
+    value = _first(share, numbers, before) * share.units.length
+    return [
+        f"{key} = {_shown(amount)} contradicts {value:.6g}, prescribed by an earlier support at {count} of the same "
+        "places. Keep one of them."
+    ]
+
+
+def _shown(amount: float | str) -> str:
+    return show(amount) if isinstance(amount, str) else f"{amount:.6g}"
+
+
+def _count(share: Share, own: int) -> int:
+    return int(sum_integers(share.comm, np.array([own]))[0])
 
 
 def _first(share: Share, numbers: np.ndarray, values: np.ndarray) -> float:
     """The value at the lowest number on all ranks. Collective."""
-    own = (int(numbers[0]), float(values[0])) if len(numbers) else None
+    lowest = int(np.argmin(numbers)) if len(numbers) else 0
+    own = (int(numbers[lowest]), float(values[lowest])) if len(numbers) else None
     return min(found for found in share.comm.allgather(own) if found)[1]

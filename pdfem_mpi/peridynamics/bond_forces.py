@@ -166,7 +166,7 @@ class BondForces:
         else:
             sweep = bond_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None]
             self.swept.add(bond_sweeps.NAMES[sweep])
-            shared += _records(failure, self.bonds.finite, margin)
+            shared += for_breaking(self.bonds, failure, margin)
         self._call(sweep, len(rows.start) - 1, shared, failure, halo)
         met[0] = max(met[0], extremes[0], -extremes[1])
 
@@ -180,13 +180,6 @@ class BondForces:
                     failure.book(self.points, self.bonds, self.S)
             if halo is not None:
                 halo.test()
-
-
-def _records(failure: Failure | None, finite: bool, margin: float) -> tuple:
-    """What sweeps that may break bonds take besides."""
-    if failure is None:
-        return NOTHING_FAILS
-    return failure.class_of, *failure.limits(finite, margin), *failure.records
 
 
 def add_softened(forces: BondForces, failure: Failure | None, margin: float, met: np.ndarray) -> None:
@@ -205,3 +198,10 @@ def pages(shape: tuple[int, ...]) -> np.ndarray:
     raw = np.zeros(size + 4096, np.uint8)
     start = -raw.ctypes.data % 4096
     return raw[start : start + size].view(np.float64).reshape(shape)
+
+
+def for_breaking(bonds: Bonds, failure: Failure | None, margin: float) -> tuple:
+    """What sweeps that may break bonds take besides."""
+    if failure is None:
+        return NOTHING_FAILS
+    return failure.class_of, *failure.limits(bonds.finite, margin), *failure.records

@@ -17,6 +17,7 @@ from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.peridynamics.bonds import RESPONSE_CONSTANT, Bonds
 from pdfem_mpi.peridynamics.fit.fit import BodyFit, fit_body
+from pdfem_mpi.peridynamics.gaps import with_gaps
 from pdfem_mpi.peridynamics.points import Points
 from pdfem_mpi.peridynamics.rows import find_bonds, within_bodies
 from pdfem_mpi.peridynamics.softened import make_softened
@@ -50,6 +51,7 @@ def bonds_of_scene(
     """
     settings, body_fit = scene.peridynamics, None
     fitted = settings.surface_correction == "fitted"
+    points = with_gaps(scene, share.units, points)
     body = comm, points, share.materials, share.cutoff, scene.kinematics == "finite"
     correction = "virial" if fitted else settings.surface_correction
     bonds, remaining = make_bonds(*body, correction)
@@ -106,6 +108,8 @@ def make_bonds(
                 *rows.arrays, points.x, points.volume, factor, constants, points.material, cutoff, finite, strongest,
                 counts,
             )  # fmt: skip
+            if points.gaps:
+                points.gaps.keep_apart(points, rows, finite, counts)
         if points.images:
             share_own_images(*boundary.arrays, points.cell_number, points.material, finite, counts)
         return Bonds(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.halo import Halo, build_halo
 from pdfem_mpi.peridynamics.clusters import cluster_layout
 from pdfem_mpi.peridynamics.images import Images, MirroredHalo
+
+if TYPE_CHECKING:
+    from pdfem_mpi.peridynamics.gaps import Gaps
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,8 @@ class Points:
         Cells of the whole mesh; needed with images.
     body : int32, shape (n_cells,), or None
         Body of each local cell, where there are several: no bonds between them.
+    gaps : Gaps or None
+        What was taken out between the points, while bonds are made: none passes through it.
     """
 
     n_free: int
@@ -50,6 +56,7 @@ class Points:
     images: Images | None = None
     n_numbers: int = 0
     body: np.ndarray | None = None
+    gaps: Gaps | None = None
 
     @property
     def cell_key(self) -> np.ndarray:

@@ -53,6 +53,8 @@ class History:
     ) -> Self:
         """Continue an existing file after its first ``rows`` rows; whatever follows them is cut off.
 
+        Columns that the file does not have yet are empty in these rows.
+
         Parameters
         ----------
         size, sha256 : int, str or None
@@ -61,14 +63,17 @@ class History:
         Raises
         ------
         ValueError
-            The file has other columns, fewer complete rows, or is not what was written. It is left as it was.
+            The file has columns that are not asked for, fewer complete rows, or is not what was written. It is left as
+            it was.
         """
         history = cls.__new__(cls)
         history._name(path, columns)
         with history.path.open("r+b") as file:
             lines = read_rows(file, path, rows, size, sha256)
             if lines[0] != _line(history.columns):
-                raise ValueError(f"{path}: other columns than {', '.join(history.columns)}")
+                lines = _widened(lines, history.columns, path)
+                file.seek(0)
+                file.write(b"".join(lines))
             history.rows, history.size = rows, sum(map(len, lines))
             history._hash = hashlib.sha256(b"".join(lines))
             file.truncate(history.size)
@@ -125,6 +130,20 @@ def read_rows(file, path: str | Path, rows: int, size: int | None, sha256: str |
     if sha256 is not None and hashlib.sha256(b"".join(lines)).hexdigest() != sha256:
         raise ValueError(f"{path}: its {rows} rows are not those that were written")
     return lines
+
+
+def _widened(lines: list[bytes], columns: tuple[str, ...], path: str | Path) -> list[bytes]:
+    """The same rows with more columns, which are empty.
+
+    Raises
+    ------
+    ValueError
+        The rows have columns that are not asked for.
+    """
+    rows = list(csv.DictReader(io.StringIO(b"".join(lines).decode())))
+    if not set(rows[0] if rows else csv.DictReader(io.StringIO(lines[0].decode())).fieldnames or ()) <= set(columns):
+        raise ValueError(f"{path}: other columns than {', '.join(columns)}")
+    return [_line(columns), *(_line(row.get(name, "") for name in columns) for row in rows)]
 
 
 def _text(value: Any) -> str:

@@ -20,12 +20,19 @@ ELEMENTS, ELEMENTS_BESIDE_BONDS = "elements, their kinematics", "elements beside
 #: Keys that may change from a checkpoint on; the log says so, since results are then not those of one deck.
 MAY_CHANGE = (
     "solver.tolerance", "solver.max_evaluations", "stepping.end_load_factor", "stepping.end_reaction",
-    "stepping.report_every", ELEMENTS_BESIDE_BONDS,
+    "stepping.end_opening", "stepping.report_every", ELEMENTS_BESIDE_BONDS,
 )  # fmt: skip
 #: What follows where a checkpoint was written with the earlier default of regions of elements.
 HELD_NOW = (
     "since bonds between two points of the overlap no longer break unless the deck says so: set {key} = true to go on "
     "as before, or begin anew"
+)
+#: Tables, keys and defaults that came later than the first checkpoints: they say what these mean.
+NEWER_DEFAULTS = (
+    ("mesh", "remove", []),
+    ("cracks", "kind", "polygon"),
+    ("supports", "of", "cells"),
+    ("loads", "constant", False),
 )
 #: Where the load goes: what was done already must stay.
 LOAD_FACTORS, TIMES = "stepping.load_factors", "stepping.times"
@@ -40,6 +47,7 @@ def identity(scene: Scene, share: Share) -> dict[str, Any]:
     if scene.has_finite_elements and scene.kinematics == "finite":
         keys[ELEMENTS_BESIDE_BONDS if scene.has_peridynamics else ELEMENTS] = "finite"
     keys |= _may_fail(scene, share)
+    keys = {key: value for key, value in keys.items() if not _is_newer_default(key, value) and not _is_label(key)}
     keys[MESH] = share.body_sha256
     return keys
 
@@ -100,6 +108,17 @@ def _may_fail(scene: Scene, share: Share) -> dict[str, bool]:
         for index, region in enumerate(scene.regions)
         if region.may_fail is None and (region.model == "peridynamics" or index not in overlap)
     }
+
+
+def _is_newer_default(key: str, value: Any) -> bool:
+    """Whether a key says by its default what checkpoints without the key mean."""
+    table, _, name = key.rpartition(".")
+    return (table.split(".")[0], name, value) in NEWER_DEFAULTS
+
+
+def _is_label(key: str) -> bool:
+    """Whether a key is the name of a load or support, which calls columns of the history and nothing else."""
+    return key.endswith(".name") and key.startswith(("loads.", "supports."))
 
 
 def _held_now(key: str, then: Any, now: Any) -> bool:

@@ -53,6 +53,7 @@ def features_of(scene: Scene) -> frozenset[str]:
         "fitted": bonds and settings.surface_correction == "fitted",
         "noise": settings.stiffness_noise > 0.0,
         "cracks": bool(scene.cracks),
+        "gaps": bonds and bool(getattr(scene.mesh, "remove", ())),
         "damage": scene.output.has_damage,
         "stresses": bonds and bool(scene.output.mechanical),
         "mirrors": bool(scene.mesh.symmetry),

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from pdfem_mpi.deck.mechanical_probes import CutProbe, EnergyReleaseProbe, PointProbe, SetProbe
-from pdfem_mpi.deck.outputs import BarProbe, DisplacementProbe, LineProbe
+from pdfem_mpi.deck.outputs import BarProbe, DisplacementProbe, LineProbe, OpeningProbe
 from pdfem_mpi.measure.bar import Bar, bar_results, measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import Fields
@@ -23,6 +25,17 @@ class DisplacementOutput(Output):
 
     def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
         self.results = {self.probe.name: displacement_at(place.geometry, fields, self.probe.point).tolist()}
+
+
+class OpeningOutput(Output):
+    """How far two points move apart: the last row of its column."""
+
+    def __init__(self, probe: OpeningProbe) -> None:
+        super().__init__()
+        self.column, self.name = f"{probe.name}.opening", probe.name
+
+    def write(self, columns: dict[str, Any], fields: Fields | None, damage: np.ndarray | None) -> None:
+        self.results = {self.name: columns[self.column]}
 
 
 class BarOutput(Output):
@@ -138,4 +151,5 @@ OF_PROBE = {
     SetProbe: ReadOutput,
     CutProbe: ReadOutput,
     EnergyReleaseProbe: ReadOutput,
+    OpeningProbe: OpeningOutput,
 }

@@ -22,7 +22,6 @@ from pdfem_mpi.runs.checkpoints import CheckpointWriter
 from pdfem_mpi.runs.claimed_folder import ClaimedFolder
 from pdfem_mpi.runs.compilation import not_compiled
 from pdfem_mpi.runs.finishing import finish
-from pdfem_mpi.runs.history_rows import columns_of
 from pdfem_mpi.runs.identity import identity
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.memory_estimate import resident
@@ -31,6 +30,7 @@ from pdfem_mpi.runs.notes import describe_body, describe_bonds, describe_nothing
 from pdfem_mpi.runs.output import Place
 from pdfem_mpi.runs.outputs import Outputs, geometry_of, make_outputs
 from pdfem_mpi.runs.prepare import count_sizes, fit_folders, prepare, warm_up
+from pdfem_mpi.runs.read_columns import all_columns
 from pdfem_mpi.runs.reporter import LoggedReporter, NullReporter, Reporter
 from pdfem_mpi.runs.restart_point import Refused, RestartPoint, RunOptions, compare
 from pdfem_mpi.runs.restoring import restore, restore_late
@@ -211,7 +211,7 @@ class Run:
             self.scene, geometry, self.claimed.written, sha256(self.deck_text), start.results,
             start.other_fields, note, self._warn,
         )  # fmt: skip
-        self.outputs = make_outputs(place, columns_of(simulation.failure is not None, self.scene))
+        self.outputs = make_outputs(place, all_columns(simulation))
         self.outputs.open()
 
     def _lines(self, lines: Iterable[str]) -> None:

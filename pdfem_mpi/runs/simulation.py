@@ -27,6 +27,7 @@ from pdfem_mpi.runs.history_rows import history_row
 from pdfem_mpi.runs.memory_estimate import Need
 from pdfem_mpi.runs.memory_report import features_of
 from pdfem_mpi.runs.prepare import cut_again, prepare, warm_up
+from pdfem_mpi.runs.read_columns import make_gauges
 from pdfem_mpi.runs.readings import Readings
 from pdfem_mpi.solvers.convergence import Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
@@ -59,6 +60,8 @@ class Simulation(Readings):
     share, need, model, case, state, forces, failure, solver
         Its parts: the rank's share of the body and what memory it needs, this rank's equations, loads, unknowns and
         forces, the books of broken bonds (None where none can break), and the solver (None before it is needed).
+    gauges : Gauges
+        What is read off each state for the columns of probes and named supports.
 
     Raises
     ------
@@ -92,6 +95,7 @@ class Simulation(Readings):
         self.state = new_state(self.model)
         self.forces = Forces(self.model, self.state.bounds, evaluations=evaluations)
         self.failure = make_failure(scene, self.share, self.model)
+        self.gauges = make_gauges(scene, self.share, self.model)
         self.probe_reader = ProbeReader(scene, self.share, self.model)
         self.solver: EquilibriumSolver | None = None
         self._evaluated = False
@@ -146,10 +150,12 @@ class Simulation(Readings):
         share = cut_again(scene, self.share)
         case = make_load_case(scene, share, self.model)
         self.scene, self.share, self.case, self.solver = scene, share, case, None
+        self.gauges = make_gauges(scene, share, self.model)
 
     def row(self, report: Report) -> dict[str, Any]:
-        """A report of the load program in the deck's units, by the columns of history.csv."""
-        return history_row(report, self.share.units, self.failure is not None)
+        """A report of the load program in the deck's units, by the columns of history.csv, at the state as it is."""
+        columns = history_row(report, self.share.units, self.failure is not None)
+        return columns | self.gauges.read(self.comm, self.state.u, report)
 
     @property
     def parts(self) -> tuple[Any, ...]:

@@ -41,10 +41,13 @@ class Avalanche:
     ledger : Ledger
     step : float64, shape (n_unknowns,), dimension length
         What the last relaxation moved the state by.
+    overdue : bool
+        Under opening control: at the largest opening so far more is critical than the next bond.
     """
 
     def __init__(self, ledger: Ledger):
         self.ledger, self.step = ledger, np.zeros_like(ledger.state.u)
+        self.overdue = False
 
     def batch(self) -> int:
         """Break what is (nearly) critical and relax the rest for a while; the number of bonds that broke."""
@@ -140,7 +143,7 @@ class Avalanche:
         ledger = self.ledger
         program, tolerance = ledger.state.program, ledger.settings.arrest_tolerance
         # under load control it was looked at before, in finite kinematics it is bracketed afterwards
-        looks = ledger.settings.control == "energy" and not ledger.finite
+        looks = ledger.settings.control != "load" and not ledger.finite and ledger.case.constant is None
         while not program["apart"] and not program["adrift"]:
             if _is_settled(ledger) if looks else program["relative"] <= tolerance:
                 return
@@ -201,7 +204,7 @@ def _bearable(ledger: Ledger, step: np.ndarray, fraction: float) -> float:
 def _is_settled(ledger: Ledger) -> bool:
     """Whether what the residual leaves open does not matter at the state of the last evaluation. Collective."""
     failure, below = ledger.failure, 1.0 - ledger.settings.eta
-    ratio = ledger.forces.largest_ratio(failure)
+    ratio = ledger.excess()
 
     def decides(change: float) -> bool:
         if ledger.settings.control == "load":  # at this load: does a bond break?

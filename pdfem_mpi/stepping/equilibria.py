@@ -20,6 +20,8 @@ SAFETY = 0.9
 SMALL_STRAIN = 1e-6
 #: Finite kinematics: the largest stretch is brought this near to critical, in at most so many equilibria.
 BRACKET, MOST_EQUILIBRIA = 1e-6, 30
+#: The same for linear kinematics beside constant loads, and the largest relative residual of these equilibria.
+LINEAR_BRACKET, LINEAR_TOLERANCE = 1e-9, 1e-8
 
 
 def find_rest(ledger: Ledger) -> bool:
@@ -57,20 +59,27 @@ def scale(ledger: Ledger, load_factor: float) -> None:
 
 
 def bracket(ledger: Ledger, ratio: float, limit: float) -> None:
-    """Finite kinematics: the load at which the largest stretch is critical, by secants within a bracket."""
+    """The load at which the excess is 1 (the largest stretch critical), by secants within a bracket.
+
+    For finite kinematics, and where constant loads stand beside those that grow.
+    """
     state, program = ledger.state, ledger.state.program
-    stored = ledger.stored()
+    stored, solver = ledger.stored(), ledger.solve.settings.tolerance
     known: list[tuple[float, float]] = []  # loads and ratios of equilibria; the state to begin with is loose
     low, high = 0.0, math.inf
     target = state.load_factor / ratio
+    near, tolerance = BRACKET, solver
+    if not ledger.finite:  # as near as the residual lets it be seen
+        tolerance = min(solver, LINEAR_TOLERANCE)
+        near = max(LINEAR_BRACKET, tolerance)
     for _ in range(MOST_EQUILIBRIA):
         target = min(target, limit)
         np.multiply(state.u, target / state.load_factor, out=state.u)
         state.load_factor = target
         ledger.prescribe()
-        equilibrate(ledger, ledger.solve.settings.tolerance)
-        ratio = ledger.forces.largest_ratio(ledger.failure)
-        if abs(ratio - 1.0) <= BRACKET or (target == limit and ratio < 1.0):
+        equilibrate(ledger, tolerance)
+        ratio = ledger.excess()
+        if abs(ratio - 1.0) <= near or (target == limit and ratio < 1.0):
             break
         low, high = (target, high) if ratio < 1.0 else (low, target)
         known = [*known[-1:], (target, ratio)]

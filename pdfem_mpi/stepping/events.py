@@ -19,8 +19,8 @@ from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.stepping import arrest
 from pdfem_mpi.stepping.avalanche import Avalanche
-from pdfem_mpi.stepping.equilibria import bracket, equilibrate, scale, small_load
-from pdfem_mpi.stepping.ledger import NUMBERS, Ledger
+from pdfem_mpi.stepping.equilibria import BRACKET, bracket, equilibrate, scale, small_load
+from pdfem_mpi.stepping.ledger import NUMBERS, Ledger, remember_peak
 from pdfem_mpi.stepping.legs import follow_legs
 from pdfem_mpi.stepping.report import Report
 
@@ -62,14 +62,17 @@ def follow_events(
             if not goes_on:
                 yield ledger.row("end")
                 return
-            shown = settings.control == "load" or program["batches"] % settings.report_every == 0
-            if shown and not program["adrift"]:
+            every = program["batches"] % settings.report_every == 0
+            if avalanche.overdue:
+                if every:
+                    yield ledger.row("batch")
+            elif (every or settings.control != "energy") and not program["adrift"]:
                 yield ledger.row("critical")
         broke = avalanche.batch()
         if avalanche.came_apart():
             yield ledger.row("end")
             return
-        if settings.control == "energy":
+        if settings.control != "load":
             program["stable"] = float(not program["adrift"])
         elif program["stable"]:
             yield ledger.row("arrest")
@@ -83,10 +86,48 @@ def _start(ledger: Ledger) -> None:
     state = ledger.state
     state.program |= dict.fromkeys(NUMBERS, 0.0) | {"stable": 1.0, "fresh": 1.0}
     state.load_factor = 1.0
+    if ledger.case.constant is not None:
+        _check_constant_loads(ledger)
     if ledger.finite:
         state.load_factor = small_load(ledger)
     equilibrate(ledger, min(FIRST_TOLERANCE, ledger.solve.settings.tolerance))
     state.program["work"] = ledger.stored()
+
+
+def _check_constant_loads(ledger: Ledger) -> None:
+    """The constant loads alone must break nothing: the program begins beside them.
+
+    Raises
+    ------
+    NotConverged
+    """
+    state = ledger.state
+    factor, state.load_factor = state.load_factor, 0.0
+    equilibrate(ledger, ledger.solve.settings.tolerance)
+    ratio = ledger.forces.largest_ratio(ledger.failure)
+    state.load_factor = factor
+    if ratio >= 1.0:
+        raise NotConverged(
+            f"the loads with constant = true alone stretch a bond to {ratio:.6g} times its critical stretch, before "
+            "anything grows. Lower them, or let them grow."
+        )
+
+
+def _excess(ledger: Ledger) -> float:
+    """What the load is divided by, see `Ledger.excess`.
+
+    Raises
+    ------
+    NotConverged
+        The controlled opening closes while the load grows.
+    """
+    settings, length = ledger.settings, ledger.model.units.length
+    if settings.control == "opening" and not (opening := ledger.opening()) > 0.0:
+        raise NotConverged(
+            f'the opening of the probe "{settings.opening}" is {opening * length:.6g} at load factor '
+            f"{ledger.state.load_factor:.6g}: the load closes it. Reverse its direction, or measure elsewhere."
+        )
+    return ledger.excess()
 
 
 def _load_to_break(avalanche: Avalanche) -> bool:
@@ -105,16 +146,25 @@ def _load_to_break(avalanche: Avalanche) -> bool:
             return False
         raise NotConverged("the load stretches no bond that may break. Load the body otherwise.")
     limit = math.inf if settings.end_load_factor is None else settings.end_load_factor
-    if ledger.finite:
-        bracket(ledger, ratio, limit)
+    excess = _excess(ledger)
+    if ledger.finite or ledger.case.constant is not None:
+        bracket(ledger, excess, limit)
     else:
-        scale(ledger, min(state.load_factor / ratio, limit))
+        scale(ledger, min(state.load_factor / excess, limit))
     arrest.forget(program)
     remove_rigid_motion(ledger.model, ledger.case, state.u)
     program["size"] = ledger.size(state.u)
     if state.load_factor >= limit:
         return False
+    if settings.control == "opening":
+        opening = ledger.opening()
+        avalanche.overdue = opening <= program["opening"] * (1.0 + BRACKET)
+        program["opening"] = max(program["opening"], opening)
+        if settings.end_opening and opening * ledger.model.units.length >= settings.end_opening * (1.0 - BRACKET):
+            return False
+        if avalanche.overdue:  # on the way between two stable states, whatever it carries
+            return True
     if ledger.carries_little():
         return False
-    ledger.remember_peak()
+    remember_peak(ledger)
     return True

@@ -42,8 +42,8 @@ class Ledger:
     stable; how often in a row something went ``adrift`` without breaking a bond, and steps were ``cuts``; whether the
     body came ``apart`` under a constant force; whether parts ran away under their own loads before, so that such
     ``fragments`` are looked for; and whether the last batch broke bonds, loads were taken off since or a step was cut
-    (``fresh``); reaction, displacement and the row that tells them, where the ``first`` bond is about to break and at
-    the ``peak``.
+    (``fresh``). Under opening control also the largest ``opening`` so far; and the reaction, displacement and row where
+    the ``first`` bond is about to break and at the ``peak``.
     """
 
     def __init__(
@@ -65,6 +65,8 @@ class Ledger:
         self.unsupported: frozenset[str] = frozenset()
         if "stable" in state.program:  # a checkpoint may be older than some of the numbers
             state.program |= dict.fromkeys(NUMBERS, 0.0) | state.program
+        if settings.control == "opening":
+            state.program.setdefault("opening", 0.0)
         if state.program.get("fragments"):
             self.find_loads()
 
@@ -91,23 +93,9 @@ class Ledger:
         program = self.state.program
         return program["reaction"] < self.settings.end_reaction * program["peak"]
 
-    def remember_peak(self) -> None:
-        """Book a state in which the next bond is about to break, if it is the first or has the largest reaction."""
-        program, state = self.state.program, self.state
-        names = [] if program["first_row"] else ["first"]
-        if program["reaction"] > program["peak"]:
-            program["peak"] = program["reaction"]
-            names.append("peak")
-        if names:
-            reached = displacement(self.forces, self.whole, state)
-        for name in names:
-            program[f"{name}_displacement"], program[f"{name}_row"] = reached, state.step + 1.0
-            if name == "first":
-                program["first_reaction"] = program["reaction"]
-
     def external(self) -> np.ndarray:
         """The external forces at the state's load, shape (n_unknowns,)."""
-        return self.state.load_factor * self.case.external
+        return self.case.forces(self.state.load_factor)
 
     def evaluate(self, breaking: bool = False) -> int:
         """The residual of the state, with or without breaking bonds; the number of bonds that broke."""
@@ -130,11 +118,30 @@ class Ledger:
         self.count()
         return broke
 
+    def opening(self) -> float:
+        """The controlled opening of the state. Collective."""
+        return self.case.opening.read(self.model.comm, self.state.u)
+
+    def excess(self) -> float:
+        """What the load is divided by for the next state of the program, at the last evaluation. Collective.
+
+        The largest stretch over its critical one, or the opening over the largest so far where that is less; at most
+        the opening over that at which the run ends.
+        """
+        ratio = self.forces.largest_ratio(self.failure)
+        if self.settings.control != "opening":
+            return ratio
+        opening, held = self.opening(), self.state.program["opening"]
+        if held:
+            ratio = min(ratio, opening / held)
+        last = self.settings.end_opening
+        return ratio if last is None else max(ratio, opening * self.model.units.length / last)
+
     def take_loads_off(self) -> bool:
         """Parts that hang together with nothing that could balance their loads carry none; whether loads changed."""
-        before, known = self.case.external, self.unsupported
+        before, known = self.case.forces(1.0), self.unsupported
         self.find_loads()
-        changed = np.count_nonzero(self.case.external != before)
+        changed = np.count_nonzero(self.case.forces(1.0) != before)
         if not sum_integers(self.model.comm, np.array([changed]))[0]:
             return False
         self.state.program["adrift"] = 0.0
@@ -152,8 +159,7 @@ class Ledger:
 
     def prescribe(self) -> None:
         """Set the prescribed displacements of the state's load."""
-        fixed = self.case.fixed
-        self.state.u[fixed] = self.state.load_factor * self.case.prescribed[fixed]
+        self.case.displace(self.state.u, self.state.load_factor)
 
     def stored(self) -> float:
         """Strain energy at the last evaluation."""
@@ -178,3 +184,18 @@ def last_breaks(ledger: Ledger) -> str:
     low, high = failure.last_extent * units.length + units.origin
     sides = (f"[{a:.6g}, {b:.6g}]" for a, b in zip(low, high, strict=True))
     return f"The last bonds broke in {' x '.join(sides)}."
+
+
+def remember_peak(ledger: Ledger) -> None:
+    """Book a state in which the next bond is about to break, if it is the first or has the largest reaction."""
+    program, state = ledger.state.program, ledger.state
+    names = [] if program["first_row"] else ["first"]
+    if program["reaction"] > program["peak"]:
+        program["peak"] = program["reaction"]
+        names.append("peak")
+    if names:
+        reached = displacement(ledger.forces, ledger.whole, state)
+    for name in names:
+        program[f"{name}_displacement"], program[f"{name}_row"] = reached, state.step + 1.0
+        if name == "first":
+            program["first_reaction"] = program["reaction"]

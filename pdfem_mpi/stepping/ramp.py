@@ -8,9 +8,11 @@ import numpy as np
 
 from pdfem_mpi.deck.programs import Ramp
 from pdfem_mpi.model.loads import LoadCase, without_loads_on_loose_parts
+from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
+from pdfem_mpi.solvers import adr
 from pdfem_mpi.solvers.adr import Relaxation
 from pdfem_mpi.solvers.convergence import Convergence, Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
@@ -35,25 +37,25 @@ def follow_ramp(
 
     Raises
     ------
-    NotConverged, NotFinite
-    Stopped
-        From ``solve.stop_requests``.
+    NotConverged, NotFinite, Stopped
     """
     forces, program = solve.forces, state.program
     relaxation = Relaxation(forces, case.fixed, solve.stop_requests)
-    load = float(np.sqrt(exact_dots(forces.model.comm, [(case.external, case.external)])[0]))
+    load = _norm(forces.model, case.external)
     reporter = Reporter(forces, case, failure)
     last = round(settings.end_load_factor / settings.increment)
     for name in ("work", "pull", "peak"):
         program.setdefault(name, 0.0)
+    _preload(solve, state, case, watch)
     ahead = case.prescribed[case.fixed]
     before = np.empty_like(state.u)
     while state.iteration < last:
         iteration = state.iteration + 1
         state.load_factor = settings.increment * iteration
-        external = state.load_factor * case.external
+        external = case.forces(state.load_factor)
         state.u[case.fixed] = state.load_factor * ahead
-        sums = relaxation.evaluate(state, external, abs(state.load_factor) * load, failure)
+        norm = abs(state.load_factor) * load if case.constant is None else _norm(forces.model, external)
+        sums = relaxation.evaluate(state, external, norm, failure)
         failure.close(forces.model.comm)
         failure.take()
         (pull,) = exact_dots(forces.model.comm, [(-relaxation.force[case.fixed], ahead)])
@@ -77,6 +79,30 @@ def follow_ramp(
             if ended or came_apart:
                 return
         relaxation.pause(state)
+
+
+def _norm(model: Model, external: np.ndarray) -> float:
+    """Euclidean norm of forces. Collective."""
+    return float(np.sqrt(exact_dots(model.comm, [(external, external)])[0]))
+
+
+def _preload(solve: EquilibriumSolver, state: State, case: LoadCase, watch: Callable) -> None:
+    """Come to rest under constant loads, before anything grows; their work is the energy stored then. Collective.
+
+    Raises
+    ------
+    NotConverged, NotFinite, Stopped
+    """
+    if case.constant is None or state.program.get("preloaded"):
+        return
+    forces, settings, external = solve.forces, solve.settings, case.forces(0.0)
+    common = forces, state, external, case.fixed, settings.tolerance, settings.max_evaluations
+    adr.solve(*common, lambda progress: watch(1, progress), solve.stop_requests)
+    forces.evaluate_surely(state.u, external, np.empty_like(external))
+    state.program["work"] = forces.stored_energy(state.u)
+    state.program["preloaded"] = 1.0
+    state.iteration = state.spent = 0
+    state.v[:] = 0.0
 
 
 def _came_apart(settings: Ramp, solve: EquilibriumSolver, case: LoadCase) -> bool:

@@ -37,6 +37,8 @@ class Report:
         Largest resultant of a support that moves (else of a support) or, without supports, the load.
     resultant : float64, shape (3,), dimension force
         Sum of the forces of all supports; mirror planes are none.
+    of_supports : float64, shape (n_supports, 3), dimension force
+        Force of each support on the body.
     convergence : Convergence
     force_balance, moment_balance : float, dimension 1
         Net internal force and moment, relative to the sums of their magnitudes. Of a part between mirror planes those
@@ -63,6 +65,7 @@ class Report:
     displacement: float
     reaction: float
     resultant: np.ndarray
+    of_supports: np.ndarray
     convergence: Convergence
     force_balance: float
     moment_balance: float
@@ -144,6 +147,7 @@ class Reporter:
             displacement=displacement(forces, self.gauge, state),
             reaction=reaction(case, resultants, state.load_factor),
             resultant=resultants.sum(axis=0),
+            of_supports=resultants,
             convergence=convergence,
             force_balance=force_balance,
             moment_balance=moment_balance,

@@ -40,8 +40,8 @@ def follow_steps(
         stop_requests.between(state)
         if time is not None and not (program.get("evaluations") or program.get("relaxing")):
             _go_along(state, factor)
-        external, skipped = factor * case.external, getattr(failure, "skipped", 0)
-        state.u[case.fixed] = factor * case.prescribed[case.fixed]
+        external, skipped = case.forces(factor), getattr(failure, "skipped", 0)
+        case.displace(state.u, factor)
         while True:
             try:
                 convergence = solve(state, external, partial(watch, step))

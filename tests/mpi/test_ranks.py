@@ -9,8 +9,10 @@ import pytest
 from pdfem_mpi.body import share as share_module
 from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.deck.materials import Interface, Material
+from pdfem_mpi.deck.meshes import BoxMesh
 from pdfem_mpi.deck.peridynamics import Coupling, Crack
 from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.removals import RemovedBox
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.measure.fields import fields_sha256, gather_fields
 from pdfem_mpi.parallel.comm import broadcast, mpi
@@ -77,6 +79,9 @@ SCENES |= {
     "bonds of another poissons ratio, finite": partial(
         make_scene, (7, 3, 2), 3, poissons_ratio=0.1, kinematics="finite", solver="cg"
     ),
+    "fitted bonds of another poissons ratio": partial(
+        make_scene, (7, 3, 3), 3, poissons_ratio=0.4, correction="fitted", coupling="exact", solver="cg"
+    ),
     "bonds of two poissons ratios": partial(
         make_scene,
         (7, 3, 2),
@@ -132,6 +137,19 @@ SCENES |= {
         cracks=(Crack(polygon=((2.9, -1.0, -1.0), (2.9, 1.2, -1.0), (2.9, 1.2, 3.0), (2.9, -1.0, 3.0))),),
     ),
     "slab of one cell between two mirrors": partial(make_scene, (7, 4, 1), 3, symmetry=("z-", "z+")),
+    "notched half": partial(
+        make_scene,
+        (7, 4, 2),
+        2,
+        correction="virial",
+        mesh=BoxMesh(
+            lower=(0.0, 0.0, 0.0),
+            upper=(7.0, 4.0, 2.0),
+            spacing=1.0,
+            symmetry=("z-",),
+            remove=(RemovedBox(kind="box", lower=(4.0, 0.0, 0.0), upper=(5.0, 2.0, 2.0)),),
+        ),
+    ),
 }
 
 
@@ -147,6 +165,7 @@ TO_EQUILIBRIUM = (
     ("supports", "cg"),
     ("coupled eighth, finite", "cg"),
     ("slab of one cell between two mirrors", "cg"),
+    ("notched half", "cg"),
 )
 
 

@@ -1,13 +1,16 @@
 """Loads and supports as vectors over the unknowns, and the rigid motions they leave free."""
 
+import re
+
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.loads import BodyForce, Support, Traction
+from pdfem_mpi.deck.loads import BodyForce, Force, Support, Traction
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.model.loads import remove_rigid_motion
 from pdfem_mpi.model.motions import free_motions, rigid_modes
+from pdfem_mpi.model.parts import positions
 from pdfem_mpi.solvers import adr
 from support.bodies import build, make_scene
 
@@ -93,16 +96,119 @@ def test_traction_times_area_is_the_total(face, nodal):
     assert not on_nodes(body, body.case.external)[0][held].any()  # supports carry what acts on them
 
 
-def test_traction_on_peridynamic_faces_is_refused():
-    """Sec. 2.2: the sentence names the load, counts the faces, and gives the body force to use."""
-    (sentence,) = refused(COUPLED, [pull(), pull("x-", (-1.0, 0.0, 0.0))])
-    assert sentence.startswith("loads.0.face = x+ has 4 of 4 faces on peridynamic cells")
-    assert 'kind = "body_force" with face = "x+"' in sentence
+@pytest.mark.parametrize("face", ["x+", "y+", "z-"])
+@pytest.mark.parametrize("body", [POINTS, COUPLED], ids=["points", "coupled"])
+def test_traction_on_peridynamic_faces_is_the_total(body, face):
+    """Points share the area of their cell's face, also where a face belongs to both models."""
+    total = (3.0, -2.0, 0.5)
+    found = loaded(body, [pull(face, total)])
+    taken = np.nan_to_num(found.case.taken) * found.model.units.force  # by the support, where faces meet
+    np.testing.assert_allclose(total_force(found) + taken, total, rtol=ROUND_OFF)
 
 
-def test_traction_on_a_face_shared_by_both_models_is_refused():
-    (sentence,) = refused(COUPLED, [pull("y+", (0.0, 0.0, 0.0))])
-    assert "loads.0.face = y+ has 8 of 12 faces" in sentence  # six cells of points, two of overlap
+def test_equal_nodal_loads_of_peridynamic_faces_are_refused():
+    """There are no nodes; the sentence names the load, counts the faces, and says what to use."""
+    (sentence,) = refused(COUPLED, [pull("y+", nodal="equal")])
+    assert sentence.startswith("loads.0.face = y+ has 6 of 12 faces on peridynamic cells")  # two are of the overlap
+    assert 'Use nodal = "consistent"' in sentence
+
+
+# --- forces at points and on lines ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("body", [ELEMENTS, POINTS, COUPLED], ids=["elements", "points", "coupled"])
+@pytest.mark.parametrize(
+    "where",
+    [
+        {"line": ((3.0, 2.0, 0.0), (3.0, 2.0, 2.0))},
+        {"line": ((1.0, 2.0, 1.0), (4.0, 2.0, 1.0))},
+        {"point": (4.0, 1.0, 1.0)},
+    ],
+    ids=["across", "along", "point"],
+)
+def test_a_force_is_spread_whole(body, where):
+    """Over nodes, rows of points, or both; its components keep their ratio everywhere."""
+    total = (3.0, -2.0, 0.5)
+    found = loaded(body, [Force(kind="force", total=total, **where)])
+    np.testing.assert_allclose(total_force(found), total, rtol=ROUND_OFF)
+    rows = found.model.unknowns.rows(found.case.external)
+    rows = rows[rows.any(axis=1)]
+    np.testing.assert_allclose(rows[:, 1] / rows[:, 0], -2.0 / 3.0, rtol=ROUND_OFF)
+
+
+def test_a_force_on_a_line_of_nodes_goes_by_length():
+    """Ends carry half of what is carried between."""
+    body = loaded(ELEMENTS, [Force(kind="force", line=((1.0, 2.0, 0.0), (4.0, 2.0, 0.0)), total=(0.0, -6.0, 0.0))])
+    forces, x = on_nodes(body, body.case.external * body.model.units.force)
+    carried = forces[:, 1] != 0.0
+    order = np.argsort(x[carried, 0])
+    np.testing.assert_allclose(forces[carried, 1][order], [-1.0, -2.0, -2.0, -1.0], rtol=ROUND_OFF)
+
+
+# --- narrow supports --------------------------------------------------------------------------------------
+
+
+def held_places(body):
+    """Places with a prescribed displacement, the deck's units, and which components; points and nodes."""
+    units, rows = body.model.units, body.model.unknowns.rows(body.case.fixed)
+    x = positions(body.model) * units.length + units.origin
+    chosen = rows.any(axis=1)
+    return x[chosen], rows[chosen]
+
+
+def test_a_line_of_nodes_is_held():
+    body = loaded(ELEMENTS, supports=[HOLD, Support(line=((3.0, 0.0, 0.0), (3.0, 0.0, 2.0)), y=0.0)])
+    x, components = held_places(body)
+    on = x[:, 0] > 0.5
+    assert sorted(map(tuple, x[on].round(9).tolist())) == [(3.0, 0.0, 0.0), (3.0, 0.0, 1.0), (3.0, 0.0, 2.0)]
+    assert components[on].tolist() == [[False, True, False]] * 3
+
+
+def test_a_row_of_points_is_held():
+    """Of two cells beside the line the points of the one at lower coordinates that are nearest to it."""
+    body = loaded(POINTS, supports=[HOLD, Support(line=((3.0, 0.0, 0.0), (3.0, 0.0, 2.0)), y=0.0)])
+    x, _ = held_places(body)
+    x = x[x[:, 0] > 1.0]
+    inside = 0.5 - 0.5 / np.sqrt(3.0)
+    expected = [(3.0 - inside, inside, z) for z in (inside, 1.0 - inside, 1.0 + inside, 2.0 - inside)]
+    np.testing.assert_allclose(x[np.argsort(x[:, 2])], expected, rtol=0, atol=1e-12)
+
+
+def test_nodes_and_points_in_a_box_are_held():
+    """The box is that of places, not of the cells' centroids."""
+    box = {"lower": (3.0, 0.0, 0.0), "upper": (3.4, 2.0, 2.0), "of": "nodes"}
+    x, _ = held_places(loaded(ELEMENTS, supports=[HOLD, Support(**box, y=0.0)]))
+    assert np.count_nonzero(x[:, 0] == 3.0) == 9
+    x, _ = held_places(loaded(POINTS, supports=[HOLD, Support(**box, y=0.0)]))
+    assert np.count_nonzero(x[:, 0] > 1.0) == 4 * 4
+
+
+@pytest.mark.parametrize("body", [ELEMENTS, POINTS, COUPLED], ids=["elements", "points", "coupled"])
+def test_displacements_by_place(body):
+    """A formula on a face: its value at every node or point that is held there."""
+    found = loaded(body, supports=[Support(face="x-", x=0.0, y="1e-3 * z * x + 2e-3", z="-sin(y) / 7")])
+    rows, units = found.model.unknowns.rows(found.case.prescribed) * found.model.units.length, found.model.units
+    x = positions(found.model) * units.length + units.origin
+    held = found.model.unknowns.rows(found.case.fixed).all(axis=1)
+    expected = np.stack([0.0 * x[:, 0], 1e-3 * x[:, 2] * x[:, 0] + 2e-3, -np.sin(x[:, 1]) / 7.0], axis=1)
+    assert held.any()
+    np.testing.assert_allclose(rows[held], expected[held], rtol=1e-12, atol=1e-15)
+    assert found.case.moves == (True,)
+
+
+@pytest.mark.parametrize(
+    ("support", "says"),
+    [
+        ({"point": (3.3, 0.0, 0.0), "y": 0.0}, r"supports.0.point has no node .* it; the nearest is 0.3 away"),
+        ({"line": ((0.0, 0.5, 0.0), (0.0, 0.5, 2.0)), "y": 0.0}, r"supports.0.line has no node .* 0.5 away"),
+        ({"lower": (3.1, 0.0, 0.0), "upper": (3.2, 2.0, 2.0), "of": "nodes", "y": 0.0}, "no node of elements"),
+        ({"face": "x-", "y": "1 / (y - 1)"}, r"supports.0.y = .* is not finite at \(0, 1, 0\)"),
+        ({"face": "x-", "y": "log(-z)"}, r"is not finite at \(0, 0, 0\)"),
+    ],
+)
+def test_supports_of_nothing_are_named(support, says):
+    (sentence,) = refused(ELEMENTS, [pull()], [Support(**support)])
+    assert re.search(says, sentence), sentence
 
 
 # --- body forces -----------------------------------------------------------------------------------------

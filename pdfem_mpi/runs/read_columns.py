@@ -1,0 +1,65 @@
+"""What is read off each state of a load program for history.csv: probes, and forces of named supports."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pdfem_mpi.body.model_units import ModelUnits
+from pdfem_mpi.body.share import Share
+from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import AXES
+from pdfem_mpi.model.gauges import Gauge, gauge_of
+from pdfem_mpi.model.model import Model
+from pdfem_mpi.runs.history_rows import columns_of
+from pdfem_mpi.stepping import Report
+
+
+@dataclass(frozen=True)
+class Gauges:
+    """Columns beside those that every history has.
+
+    Attributes
+    ----------
+    units : ModelUnits
+    of_displacements : dict of Gauge
+        By the names of their columns.
+    supports : dict of int
+        Number of each named support.
+    """
+
+    units: ModelUnits
+    of_displacements: dict[str, Gauge]
+    supports: dict[str, int]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return (*self.of_displacements, *(f"{name}.force_{axis}" for name in self.supports for axis in AXES))
+
+    def read(self, comm, u: np.ndarray, report: Report) -> dict[str, Any]:
+        """The columns at a state and its report, in the deck's units. Collective.
+
+        Parameters
+        ----------
+        u : float64, shape (n_unknowns,), dimension length
+        """
+        found = {name: gauge.read(comm, u) * self.units.length for name, gauge in self.of_displacements.items()}
+        for name, number in self.supports.items():
+            for axis, force in zip(AXES, report.of_supports[number].tolist(), strict=True):
+                found[f"{name}.force_{axis}"] = force * self.units.force
+        return found
+
+
+def all_columns(simulation: Any) -> tuple[str, ...]:
+    """Names of all columns of history.csv, of a simulation."""
+    return columns_of(simulation.failure is not None, simulation.scene) + simulation.gauges.columns
+
+
+def make_gauges(scene: Scene, share: Share, model: Model) -> Gauges:
+    """What the deck's probes and named supports ask for."""
+    found = {name: gauge_of(share, model, weights) for name, weights in share.probes.items()}
+    supports = {support.name: index for index, support in enumerate(scene.supports) if support.name is not None}
+    return Gauges(share.units, found, supports)
