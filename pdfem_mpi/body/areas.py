@@ -10,6 +10,9 @@ symmetric Killing tensors of rank 3, of which there are fifty: ``(P.Q) R + (P.R)
 three rigid motions. Blocks and symmetric meshes fulfil this by themselves; elsewhere the smallest change of the area
 vectors restores it.
 
+With a volumetric part beside the bonds, eight conditions more hold: ``sum_i N(i) . v(x_i) = sum_i w_i div v(x_i)`` for
+the quadratic fields ``v = x cross (S x)``, ``S`` symmetric, and ``v = a |x|^2 - x (a . x)`` (`dilatation`).
+
 Everything here is computed from the whole mesh, alike on every rank: the same bits everywhere.
 """
 
@@ -113,7 +116,9 @@ def face_shares(mesh: HexMesh, nodes: np.ndarray, cells: np.ndarray, faces: np.n
     return (areas * (whole / size[:, None])[:, None, :]).sum(axis=2)
 
 
-def restore_compatibility(x: np.ndarray, areas: np.ndarray, changeable: np.ndarray) -> tuple[np.ndarray, float]:
+def restore_compatibility(
+    x: np.ndarray, areas: np.ndarray, changeable: np.ndarray, moments: np.ndarray | None = None
+) -> tuple[np.ndarray, float]:
     """Change area vectors as little as possible, so that they do no work on the fifty traces, and stay closed.
 
     Closed means that ``sum N`` and ``sum N_c x_d - V delta_cd`` keep their values.
@@ -124,6 +129,8 @@ def restore_compatibility(x: np.ndarray, areas: np.ndarray, changeable: np.ndarr
         Points with an area vector.
     areas : float64, shape (n, 3)
     changeable : bool, shape (n,)
+    moments : float64, shape (4,), optional
+        Volume and first moments of the body's points: the eight quadratic fields count too.
 
     Returns
     -------
@@ -132,16 +139,19 @@ def restore_compatibility(x: np.ndarray, areas: np.ndarray, changeable: np.ndarr
         Root of the sum of the squares of the change, relative to that of the area vectors.
     """
     centre = 0.5 * (x.min(axis=0) + x.max(axis=0))
-    scaled = (x - centre) / (0.5 * (x.max(axis=0) - x.min(axis=0)).max())
-    works, sizes = np.zeros(N_TRACES), np.zeros(N_TRACES)
+    half = 0.5 * (x.max(axis=0) - x.min(axis=0)).max()
+    scaled = (x - centre) / half
+    wanted = np.append(np.zeros(N_TRACES), () if moments is None else _divergences(moments, centre, half))
+    n_works, conditions = len(wanted), _conditions if moments is None else _conditions_with_fields
+    works, sizes = -wanted, np.abs(wanted)
     for k in range(0, len(x), BATCH):
-        rows = _conditions(scaled[k : k + BATCH])[:N_TRACES]
+        rows = conditions(scaled[k : k + BATCH])[:n_works]
         works += _work(rows, areas[k : k + BATCH])
         sizes += _work(np.abs(rows), np.abs(areas[k : k + BATCH]))
     if (np.abs(works) <= COMPATIBLE * sizes.max()).all():
         return areas, 0.0
     of_changeable = scaled[changeable]
-    gram = sum(_gram(of_changeable[k : k + BATCH]) for k in range(0, len(of_changeable), BATCH))
+    gram = sum(_gram(conditions(of_changeable[k : k + BATCH])) for k in range(0, len(of_changeable), BATCH))
     size = 1.0 / np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
     values, vectors = np.linalg.eigh(size[:, None] * gram * size)
     usable = values > INDEPENDENT * values[-1]
@@ -149,14 +159,15 @@ def restore_compatibility(x: np.ndarray, areas: np.ndarray, changeable: np.ndarr
     change = np.zeros_like(areas)
     for _ in range(TURNS):
         defect = np.zeros(len(gram))
+        defect[:n_works] -= wanted
         for k in range(0, len(x), BATCH):
-            rows, part = _conditions(scaled[k : k + BATCH]), slice(k, k + BATCH)
-            defect[:N_TRACES] += _work(rows[:N_TRACES], areas[part] + change[part])
-            defect[N_TRACES:] += _work(rows[N_TRACES:], change[part])
+            rows, part = conditions(scaled[k : k + BATCH]), slice(k, k + BATCH)
+            defect[:n_works] += _work(rows[:n_works], areas[part] + change[part])
+            defect[n_works:] += _work(rows[n_works:], change[part])
         amounts = -inverse @ defect
         correction = np.zeros_like(of_changeable)
         for k in range(0, len(correction), BATCH):
-            correction[k : k + BATCH] = np.tensordot(amounts, _conditions(of_changeable[k : k + BATCH]), axes=1)
+            correction[k : k + BATCH] = np.tensordot(amounts, conditions(of_changeable[k : k + BATCH]), axes=1)
         change[changeable] += correction
     return areas + change, float(np.sqrt((change**2).sum() / (areas**2).sum()))
 
@@ -181,10 +192,34 @@ def _conditions(x: np.ndarray) -> np.ndarray:
     return rows
 
 
+def _conditions_with_fields(x: np.ndarray) -> np.ndarray:
+    """`_conditions`, and the eight quadratic fields behind the traces; shape (76, n, 3)."""
+    rows = _conditions(x)
+    return np.concatenate([rows[:N_TRACES], _quadratic_fields(x), rows[N_TRACES:]])
+
+
+def _quadratic_fields(x: np.ndarray) -> np.ndarray:
+    """The eight quadratic displacements without symmetric second gradient, shape (8, n, 3)."""
+    rows = np.empty((8, len(x), 3))
+    for k, (a, b) in enumerate(((0, 0), (1, 1), (0, 1), (1, 2), (2, 0))):  # a multiple of 1 turns nothing
+        symmetric = np.zeros((3, 3))
+        symmetric[a, b] = symmetric[b, a] = 1.0
+        rows[k] = np.cross(x, x @ symmetric)
+    square = (x**2).sum(axis=1)
+    for d in range(3):
+        rows[5 + d] = -x * x[:, [d]]
+        rows[5 + d][:, d] += square
+    return rows
+
+
+def _divergences(moments: np.ndarray, centre: np.ndarray, half: float) -> np.ndarray:
+    """``sum_i w_i div v`` of the eight fields in scaled coordinates, from volume and first moments; shape (8,)."""
+    return np.append(np.zeros(5), -2.0 / half**2 * (moments[1:] - moments[0] * centre))
+
+
 def _work(rows: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.tensordot(rows, vectors, axes=2)
 
 
-def _gram(x: np.ndarray) -> np.ndarray:
-    rows = _conditions(x)
+def _gram(rows: np.ndarray) -> np.ndarray:
     return np.tensordot(rows, rows, axes=((1, 2), (1, 2)))

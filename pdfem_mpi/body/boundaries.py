@@ -13,8 +13,9 @@ from scipy.spatial import cKDTree
 from pdfem_mpi.body.areas import Boundary, area_vectors, find_boundary, restore_compatibility
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.fitted_bodies import meets_another
+from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.kernels.hex8 import gauss_positions
+from pdfem_mpi.kernels.hex8 import gauss_positions, gauss_volumes
 from pdfem_mpi.mesh.part import MeshPart
 from pdfem_mpi.mesh.quality import CORNERS
 
@@ -88,7 +89,9 @@ def fingerprint(discretization: Discretization, settings: str) -> str:
     """Hexadecimal name of a fit: everything it depends on. The units of stress and length are not among it."""
     mesh, chosen = discretization.mesh, discretization.has_points
     digest = hashlib.sha256(f"{settings} {discretization.cutoff!r}".encode())
-    moduli = discretization.youngs_modulus[chosen]
+    if _is_volumetric(discretization):
+        digest.update(b"volumetric")  # other area vectors
+    moduli = discretization.materials.own_bond_modulus[discretization.material[chosen]]
     digest.update(np.unique(moduli).tobytes() if discretization.n_bodies == 1 else moduli.tobytes())
     digest.update(np.ascontiguousarray(discretization.body[chosen]).tobytes())
     digest.update(np.ascontiguousarray(discretization.nodes[mesh.cells[chosen]]).tobytes())
@@ -106,6 +109,18 @@ def _beside_others(discretization: Discretization) -> np.ndarray:
     return discretization.has_points & touch
 
 
+def _is_volumetric(discretization: Discretization) -> bool:
+    """Whether bonds have a volumetric part beside them."""
+    return bool((discretization.poissons_ratio[discretization.has_points] != BOND_POISSONS_RATIO).any())
+
+
+def _moments(discretization: Discretization, number: int) -> np.ndarray:
+    """Volume and first moments of the points of a body, model units; float64, shape (4,)."""
+    corners = discretization.nodes[discretization.mesh.cells[discretization.body == number]]
+    w, x = gauss_volumes(corners).reshape(-1), gauss_positions(corners).reshape(-1, 3)
+    return np.append(w.sum(), w @ x)
+
+
 def compatible_areas(discretization: Discretization, boundary: Boundary) -> tuple[np.ndarray, float]:
     """Area vectors of all cells' points, shape (n_cells, 8, 3), model units; and the largest change a body needed.
 
@@ -115,15 +130,17 @@ def compatible_areas(discretization: Discretization, boundary: Boundary) -> tupl
     n_cells = len(discretization.has_points)
     areas = area_vectors(boundary, n_cells)
     beside, largest_change = _beside_others(discretization), 0.0
+    volumetric = _is_volumetric(discretization)
     for number in range(discretization.n_bodies):
         cells = np.unique(boundary.cell[discretization.body[boundary.cell] == number])
         x = gauss_positions(discretization.nodes[discretization.mesh.cells[cells]]).reshape(-1, 3)
         own = areas[cells].reshape(-1, 3)
         used = (own != 0.0).any(axis=1)
         changeable = np.repeat(~beside[cells], 8)[used]
-        changed, change = restore_compatibility(x[used], own[used], np.ones(len(changeable), bool))
+        moments = _moments(discretization, number) if volumetric else None
+        changed, change = restore_compatibility(x[used], own[used], np.ones(len(changeable), bool), moments)
         if change and changeable.any():
-            of_free, more = restore_compatibility(x[used], own[used], changeable)
+            of_free, more = restore_compatibility(x[used], own[used], changeable, moments)
             if more <= DEARER * change:
                 changed, change = of_free, more
         own[used] = changed

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Literal
 
-from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Material, all_materials
+from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Interface, Material, all_materials
 from pdfem_mpi.deck.meshes import SPACING_TOLERANCE, Mesh
 from pdfem_mpi.deck.regions import Region, has_model
 from pdfem_mpi.deck.table import Problem, Table, Vector, key, show
@@ -186,19 +186,26 @@ def cutoff_problems(peridynamics: Peridynamics, edge: float, name: str) -> list[
 
 
 def check_volumetric(
-    regions: Sequence[Region], material: Material, materials: dict[str, Material], peridynamics: Peridynamics
+    regions: Sequence[Region],
+    material: Material,
+    materials: dict[str, Material],
+    interfaces: Sequence[Interface],
+    peridynamics: Peridynamics,
 ) -> list[Problem]:
-    """Fitted factors are those of bonds alone."""
-    if not has_model(regions, "peridynamics") or peridynamics.surface_correction != "fitted":
+    """Fitted weights of a volumetric part are those of bonds that do not break."""
+    tables = all_materials(material, materials)
+    can_fail = any(entry.can_fail for entry in (material, *materials.values(), *interfaces))
+    fitted = peridynamics.surface_correction == "fitted"
+    if not has_model(regions, "peridynamics") or not (fitted and can_fail):
         return []
     bonded = {region.material for region in regions if region.model == "peridynamics"}
     return [
         Problem(
             f"{where}.poissons_ratio",
-            f'= {show(table.poissons_ratio)} does not go with peridynamics.surface_correction = "fitted", whose '
-            'factors balance bonds alone, of 0.25. Use "virial", or 0.25.',
+            f'= {show(table.poissons_ratio)} does not go with peridynamics.surface_correction = "fitted" where bonds '
+            'may break. Use "virial", or 0.25.',
         )
-        for name, (where, table) in all_materials(material, materials).items()
+        for name, (where, table) in tables.items()
         if name in bonded and table.poissons_ratio != BOND_POISSONS_RATIO
     ]
 

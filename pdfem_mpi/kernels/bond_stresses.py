@@ -23,7 +23,9 @@ GRADIENTS = 15
 
 
 @njit(**_options)
-def add_stresses(row_start, row_offset, row_data, S, expansion, Q, material, scale, finite, quanta, sums, top):
+def add_stresses(
+    row_start, row_offset, row_data, S, expansion, Q, material, scale, finite, weights, quanta, sums, top
+):  # fmt: skip
     """Add ``f (x) y`` and the energy of every bond to both of its points; ``y`` is the bond as it is now.
 
     ``f y = 2 K phi y y`` in finite kinematics, ``K' (eta . xi) xi xi`` in linear ones: symmetric. Half of it, over the
@@ -41,6 +43,8 @@ def add_stresses(row_start, row_offset, row_data, S, expansion, Q, material, sca
     Q, material, scale
         As in `volumetric_sweeps`; without a volumetric part ``Q`` is empty.
     finite : bool
+    weights : float32, shape ((n_rows + 1) * 8,) or (0,)
+        Fitted weights of the slots, as in `dilatation_sweeps`.
     quanta : float64, shape (2,), dimension force length
         Powers of two, of the stress and of the energy; 0 to measure only.
     sums : int64, shape (n_clusters * 28,)
@@ -72,6 +76,9 @@ def add_stresses(row_start, row_offset, row_data, S, expansion, Q, material, sca
                 common = 0.0
                 if Q.size:
                     common = Q[i] + Q[W * other + lane]
+                    if weights.size:
+                        slot = 2 * W * row + lane
+                        common = weights[slot] * Q[i] + weights[slot + W] * Q[W * other + lane]
                     if scale.shape[0] > 1:
                         common *= scale[material[c], material[other]]
                 if finite:
@@ -104,7 +111,7 @@ def add_stresses(row_start, row_offset, row_data, S, expansion, Q, material, sca
 
 
 @njit(**_options)
-def add_thermal_forces(row_start, row_offset, row_data, x, expansion, Q, material, scale, quanta, sums, top):
+def add_thermal_forces(row_start, row_offset, row_data, x, expansion, Q, material, scale, weights, quanta, sums, top):
     """Add ``-K' |xi|^2 (theta + Q_i + Q_j) xi`` of every bond to its point i and take it from j: linear kinematics.
 
     Parameters
@@ -117,6 +124,8 @@ def add_thermal_forces(row_start, row_offset, row_data, x, expansion, Q, materia
         Thermal strain of the points; ``theta`` is the mean of a bond's ends.
     Q, material, scale
         As in `volumetric_sweeps`, of dilatations by the thermal strain; without a volumetric part ``Q`` is empty.
+    weights : float32, shape ((n_rows + 1) * 8,) or (0,)
+        Fitted weights of the slots, as in `dilatation_sweeps`.
     quanta : float64, shape (2,), dimension force
         The first is a power of two; 0 to measure only.
     sums : int64, shape (n_clusters * 12,)
@@ -143,6 +152,9 @@ def add_thermal_forces(row_start, row_offset, row_data, x, expansion, Q, materia
                 strain = 0.5 * (expansion[i] + expansion[W * other + lane])
                 if Q.size:
                     common = Q[i] + Q[W * other + lane]
+                    if weights.size:
+                        slot = 2 * W * row + lane
+                        common = weights[slot] * Q[i] + weights[slot + W] * Q[W * other + lane]
                     if scale.shape[0] > 1:
                         common *= scale[material[i // W], material[other]]
                     strain += common
@@ -157,7 +169,9 @@ def add_thermal_forces(row_start, row_offset, row_data, x, expansion, Q, materia
 
 
 @njit(**_options)
-def add_thermal_dilatations(row_start, row_offset, row_data, x, expansion, material, scale, quanta, sums, top):
+def add_thermal_dilatations(
+    row_start, row_offset, row_data, x, expansion, material, scale, weights, quanta, sums, top
+):  # fmt: skip
     """Add ``s K' theta |xi|^4`` of every bond to both of its points: the terms ``s k e`` of `dilatation_sweeps`.
 
     Parameters are those of `add_thermal_forces`; ``sums`` has the shape (n_clusters * 4,).
@@ -179,12 +193,15 @@ def add_thermal_dilatations(row_start, row_offset, row_data, x, expansion, mater
                 strength *= 0.5 * (expansion[i] + expansion[W * other + lane]) * square * square
                 if scale.shape[0] > 1:
                     strength *= scale[material[i // W], material[other]]
+                here, there = strength, strength
+                if weights.size:
+                    here *= weights[2 * W * row + lane]
+                    there *= weights[2 * W * row + W + lane]
                 if measuring:
-                    top[0] = max(top[0], abs(strength))
+                    top[0] = max(top[0], abs(here), abs(there))
                     continue
-                term = np.int64(np.rint(strength * inverse))
-                sums[i] += term
-                sums[W * other + lane] += term
+                sums[i] += np.int64(np.rint(here * inverse))
+                sums[W * other + lane] += np.int64(np.rint(there * inverse))
 
 
 @njit(**_options)
@@ -251,11 +268,12 @@ def add_gradients(row_start, row_offset, row_data, S, x, volume, cell_number, fi
 
 
 _f8, _i8 = types.float64[::1], types.int64[::1]
-_rows = _i8, types.uint32[::1], types.float32[::1]
+_f4 = types.float32[::1]
+_rows = _i8, types.uint32[::1], _f4
 _of_materials = types.int16[::1], types.float64[:, ::1]
 SIGNATURES = {
-    add_stresses: types.void(*_rows, _f8, _f8, _f8, *_of_materials, types.boolean, _f8, _i8, _f8),
-    add_thermal_forces: types.void(*_rows, _f8, _f8, _f8, *_of_materials, _f8, _i8, _f8),
-    add_thermal_dilatations: types.void(*_rows, _f8, _f8, *_of_materials, _f8, _i8, _f8),
+    add_stresses: types.void(*_rows, _f8, _f8, _f8, *_of_materials, types.boolean, _f4, _f8, _i8, _f8),
+    add_thermal_forces: types.void(*_rows, _f8, _f8, _f8, *_of_materials, _f4, _f8, _i8, _f8),
+    add_thermal_dilatations: types.void(*_rows, _f8, _f8, *_of_materials, _f4, _f8, _i8, _f8),
     add_gradients: types.void(*_rows, _f8, _f8, _f8, _i8, types.boolean, _f8, _i8, _f8),
 }

@@ -76,12 +76,12 @@ def lengthening_in_closed_form(e, table):
     return one / (one + root(largest(one + e, splat(0.0))))
 
 
-def _linear_sweep(failing):
-    """Build the sweep of linear kinematics, with or without failure (a constant to the compiler)."""
+def _linear_sweep(failing, weighted):
+    """Build the sweep of linear kinematics, with or without failure and fitted weights (constants to the compiler)."""
 
     @njit(**_options)
     def add_dilatations(
-        first, last, row_start, row_offset, row_data, S, D, DI, pattern, material, scale, extremes,
+        first, last, row_start, row_offset, row_data, S, D, DI, pattern, material, scale, weights, extremes,
         class_of, trigger, critical, pairs, strengths, counter,
     ):  # fmt: skip
         """Add ``s k e`` of the bonds of the rows of points ``first:last`` to both of their points.
@@ -97,6 +97,8 @@ def _linear_sweep(failing):
         material : int16, shape (n_clusters,)
         scale : float64, shape (n_materials, n_materials)
             ``s`` by the materials of the two points; of shape (1, 1) where it is 1 throughout.
+        weights : float32, shape ((n_rows + 1) * 8,) or (0,)
+            Fitted weights of each slot in the dilatation of the row's point, and of the slot's; read where weighted.
         extremes : float64, shape (2,)
             The first is raised to ``|K' (eta . xi)|``.
         class_of, trigger, critical, pairs, strengths, counter
@@ -140,6 +142,7 @@ def _linear_sweep(failing):
                 gz = load(S, b + V5) - zz
                 f = fma(load(S, b) - ux, gx, fma(load(S, b + V1) - uy, gy, (load(S, b + V2) - uz) * gz))
                 k = load(row_data, r * V1)
+                o = r * STEP
                 r += ONE
                 f = f * k
                 square = fma(gx, gx, fma(gy, gy, gz * gz))
@@ -148,8 +151,13 @@ def _linear_sweep(failing):
                     excess = largest(fnma(limit, k * square, f), excess)
                 if several:
                     square = square * splat(scale[material[c], material[b // u8(9 * W)]])
-                p = fma(f, square, M)
-                total = iadd(total, p)
+                if weighted:
+                    f = f * square
+                    total = iadd(total, fma(f, load(weights, o), M))
+                    p = fma(f, load(weights, o + V1), M)
+                else:
+                    p = fma(f, square, M)
+                    total = iadd(total, p)
                 b = b // _NINE
                 store(D, b, iadd(load(D, b), p))
             if failing and lanes(above(excess, zero)) != 0:
@@ -186,12 +194,12 @@ def _linear_sweep(failing):
     return add_dilatations
 
 
-def _finite_sweep(closed, failing):
-    """Build the sweep of finite kinematics, in closed form or as a series, with or without failure."""
+def _finite_sweep(closed, failing, weighted):
+    """Build the sweep of finite kinematics, in closed form or as a series, with or without failure and weights."""
 
     @njit(**_options)
     def add_dilatations(
-        first, last, row_start, row_offset, row_data, S, D, DI, table, material, scale, extremes,
+        first, last, row_start, row_offset, row_data, S, D, DI, table, material, scale, weights, extremes,
         class_of, trigger, critical, pairs, strengths, counter,
     ):  # fmt: skip
         """Add ``s k e`` of the bonds of the rows of points ``first:last`` to both of their points.
@@ -241,8 +249,13 @@ def _finite_sweep(closed, failing):
                 if several:
                     k = k * splat(scale[material[c], material[b // u8(9 * W)]])
                 h = lengthening_in_closed_form(e, table) if closed else lengthening_by_series(e, table)
-                p = fma(k * work, h, M)
-                total = iadd(total, p)
+                if weighted:
+                    h = (k * work) * h
+                    total = iadd(total, fma(h, load(weights, o), M))
+                    p = fma(h, load(weights, o + V1), M)
+                else:
+                    p = fma(k * work, h, M)
+                    total = iadd(total, p)
                 b = b // _NINE
                 store(D, b, iadd(load(D, b), p))
             if failing and lanes(above(top, splat(trigger[class_of[c]]))) != 0:
@@ -287,12 +300,12 @@ def _finite_sweep(closed, failing):
     return add_dilatations
 
 
-def _changes(closed):
+def _changes(closed, weighted):
     """Build the sweep of the change of the dilatations, with ``phi`` in closed form or as a series."""
 
     @njit(**_options)
     def add_dilatation_changes(
-        first, last, row_start, row_offset, row_data, S, D, DI, table, material, scale, extremes
+        first, last, row_start, row_offset, row_data, S, D, DI, table, material, scale, weights, extremes
     ):  # fmt: skip
         """Add the change of ``s k e`` for a small change ``v`` of the displacements, to both points of every bond.
 
@@ -332,9 +345,14 @@ def _changes(closed):
                 along = fma(load(S, b) - ux, yx, fma(load(S, b + V1) - uy, yy, (load(S, b + V2) - uz) * yz))
                 if several:
                     k = k * splat(scale[material[c], material[b // u8(9 * W)]])
-                p = fma(k * (one - phi), along, M)
-                peak = largest(magnitude(p - M), peak)
-                total = iadd(total, p)
+                along = k * (one - phi) * along
+                peak = largest(magnitude(along), peak)
+                if weighted:
+                    total = iadd(total, fma(along, load(weights, o), M))
+                    p = fma(along, load(weights, o + V1), M)
+                else:
+                    p = along + M
+                    total = iadd(total, p)
                 b = b // _NINE
                 store(D, b, iadd(load(D, b), p))
             DI[i] += ihsum(total)
@@ -344,41 +362,46 @@ def _changes(closed):
     return add_dilatation_changes
 
 
-add_dilatations_linear = _linear_sweep(failing=False)
-add_dilatations_linear_failing = _linear_sweep(failing=True)
-add_dilatations_series = _finite_sweep(closed=False, failing=False)
-add_dilatations_closed = _finite_sweep(closed=True, failing=False)
-add_dilatations_series_failing = _finite_sweep(closed=False, failing=True)
-add_dilatations_closed_failing = _finite_sweep(closed=True, failing=True)
-add_dilatation_changes_series = _changes(closed=False)
-add_dilatation_changes_closed = _changes(closed=True)
-#: By (finite, series, failing).
+add_dilatations_linear = _linear_sweep(failing=False, weighted=False)
+add_dilatations_linear_failing = _linear_sweep(failing=True, weighted=False)
+add_dilatations_linear_weighted = _linear_sweep(failing=False, weighted=True)
+add_dilatations_series = _finite_sweep(closed=False, failing=False, weighted=False)
+add_dilatations_closed = _finite_sweep(closed=True, failing=False, weighted=False)
+add_dilatations_series_failing = _finite_sweep(closed=False, failing=True, weighted=False)
+add_dilatations_closed_failing = _finite_sweep(closed=True, failing=True, weighted=False)
+add_dilatations_series_weighted = _finite_sweep(closed=False, failing=False, weighted=True)
+add_dilatations_closed_weighted = _finite_sweep(closed=True, failing=False, weighted=True)
+add_dilatation_changes_series = _changes(closed=False, weighted=False)
+add_dilatation_changes_closed = _changes(closed=True, weighted=False)
+add_dilatation_changes_series_weighted = _changes(closed=False, weighted=True)
+add_dilatation_changes_closed_weighted = _changes(closed=True, weighted=True)
+#: By (finite, series, failing, weighted): bonds with fitted weights do not break.
 SWEEPS = {
-    (True, True, False): add_dilatations_series,
-    (True, False, False): add_dilatations_closed,
-    (True, True, True): add_dilatations_series_failing,
-    (True, False, True): add_dilatations_closed_failing,
-    (False, False, False): add_dilatations_linear,
-    (False, False, True): add_dilatations_linear_failing,
+    (True, True, False, False): add_dilatations_series,
+    (True, False, False, False): add_dilatations_closed,
+    (True, True, True, False): add_dilatations_series_failing,
+    (True, False, True, False): add_dilatations_closed_failing,
+    (False, False, False, False): add_dilatations_linear,
+    (False, False, True, False): add_dilatations_linear_failing,
+    (True, True, False, True): add_dilatations_series_weighted,
+    (True, False, False, True): add_dilatations_closed_weighted,
+    (False, False, False, True): add_dilatations_linear_weighted,
 }
-#: Of the change, by whether as a series.
-CHANGES = {True: add_dilatation_changes_series, False: add_dilatation_changes_closed}
-
+#: Of the change, by (series, weighted).
+CHANGES = {
+    (True, False): add_dilatation_changes_series,
+    (False, False): add_dilatation_changes_closed,
+    (True, True): add_dilatation_changes_series_weighted,
+    (False, True): add_dilatation_changes_closed_weighted,
+}
 
 _f8, _i8, _int, _i2 = types.float64[::1], types.int64[::1], types.int64, types.int16[::1]
 _table = types.float64[:, ::1]
 _rows = (_i8, types.uint32[::1], types.float32[::1])
 _failing = (types.uint8[::1], _f8, _table, types.int64[:, ::1], types.float32[:, ::1], _i8)
-_linear = _int(_int, _int, *_rows, _f8, _f8, _i8, types.float64, _i2, _table, _f8, *_failing)
-_finite = _int(_int, _int, *_rows, _f8, _f8, _i8, _f8, _i2, _table, _f8, *_failing)
-_change = _int(_int, _int, *_rows, _f8, _f8, _i8, _f8, _i2, _table, _f8)
-SIGNATURES = {
-    add_dilatations_linear: _linear,
-    add_dilatations_linear_failing: _linear,
-    add_dilatations_series: _finite,
-    add_dilatations_closed: _finite,
-    add_dilatations_series_failing: _finite,
-    add_dilatations_closed_failing: _finite,
-    add_dilatation_changes_series: _change,
-    add_dilatation_changes_closed: _change,
-}
+_weights = types.float32[::1]
+_linear = _int(_int, _int, *_rows, _f8, _f8, _i8, types.float64, _i2, _table, _weights, _f8, *_failing)
+_finite = _int(_int, _int, *_rows, _f8, _f8, _i8, _f8, _i2, _table, _weights, _f8, *_failing)
+_change = _int(_int, _int, *_rows, _f8, _f8, _i8, _f8, _i2, _table, _weights, _f8)
+SIGNATURES = {sweep: _finite if finite else _linear for (finite, _, _, _), sweep in SWEEPS.items()}
+SIGNATURES |= dict.fromkeys(CHANGES.values(), _change)

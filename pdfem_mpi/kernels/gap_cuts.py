@@ -58,9 +58,10 @@ def cut_gaps(row_start, row_offset, row_data, x, scale, removed, sums, material,
                     for b in range(2):
                         for e in range(2):
                             sign = 1 if (a + b + e) % 2 else -1
-                            between += sign * sums[
-                                high[0] if a else low[0], high[1] if b else low[1], high[2] if e else low[2]
-                            ]
+                            between += (
+                                sign
+                                * sums[high[0] if a else low[0], high[1] if b else low[1], high[2] if e else low[2]]
+                            )
                 if between and _passes(p, q, low, high, removed):
                     for s in range(0, stride, W):
                         row_data[row * stride + s + k] = 0.0

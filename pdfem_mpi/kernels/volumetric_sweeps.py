@@ -34,76 +34,87 @@ _NINE = u8(9)
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
 
-@njit(**_options)
-def add_forces_linear(first, last, row_start, row_offset, row_data, S, SI, table, Q, material, scale):
-    """Add the force of every bond of the rows of points ``first:last`` to both of its points, linear kinematics.
-
-    Parameters
-    ----------
-    first, last, row_start, row_offset, row_data, S, SI, table
-        As in `bond_sweeps`.
-    Q : float64, shape (n_clusters * 4,)
-        ``q`` of all points.
-    material : int16, shape (n_clusters,)
-    scale : float64, shape (n_materials, n_materials)
-        What ``q`` is multiplied by, from the materials of the two points; of shape (1, 1) where it is 1 throughout.
-
-    Returns
-    -------
-    int
-        ``last``.
-    """
-    zero = splat(0.0)
-    several = scale.shape[0] > 1
-    M = load(table, V5)
-    for i in range(first, last):
-        r = u8(row_start[i])
-        end = u8(row_start[i + 1])
-        if end <= r:
-            continue
-        c = i // W
-        own = c * 9 * W + (i - c * W)
-        ux = splat(S[own])
-        uy = splat(S[own + W])
-        uz = splat(S[own + 2 * W])
-        zx = splat(S[own + 3 * W])
-        zy = splat(S[own + 4 * W])
-        zz = splat(S[own + 5 * W])
-        q = splat(Q[i])
-        fx = zero
-        fy = zero
-        fz = zero
-        while r < end:
-            b = u8(row_offset[r])
-            gx = load(S, b + V3) - zx
-            gy = load(S, b + V4) - zy
-            gz = load(S, b + V5) - zz
-            f = fma(load(S, b) - ux, gx, fma(load(S, b + V1) - uy, gy, (load(S, b + V2) - uz) * gz))
-            common = q + load(Q, b // _NINE)
-            if several:
-                common = common * splat(scale[material[c], material[b // u8(9 * W)]])
-            f = load(row_data, r * V1) * fma(fma(gx, gx, fma(gy, gy, gz * gz)), common, f)
-            r += ONE
-            px = fma(f, gx, M)
-            py = fma(f, gy, M)
-            pz = fma(f, gz, M)
-            fx = iadd(fx, px)
-            fy = iadd(fy, py)
-            fz = iadd(fz, pz)
-            store(S, b + V6, isub(load(S, b + V6), px))
-            store(S, b + V7, isub(load(S, b + V7), py))
-            store(S, b + V8, isub(load(S, b + V8), pz))
-        SI[own + 6 * W] += ihsum(fx)
-        SI[own + 7 * W] += ihsum(fy)
-        SI[own + 8 * W] += ihsum(fz)
-    return last
-
-
-def _finite_sweep(closed):
-    """Build the sweep of finite kinematics with ``phi`` in closed form or as a series."""
+def _linear_sweep(weighted):
+    """Build the sweep of linear kinematics, with or without fitted weights (a constant to the compiler)."""
 
     @njit(**_options)
-    def add_volumetric_forces(first, last, row_start, row_offset, row_data, S, SI, table, Q, material, scale):
+    def add_volumetric_forces(first, last, row_start, row_offset, row_data, S, SI, table, Q, material, scale, weights):
+        """Add the force of every bond of the rows of points ``first:last`` to both of its points, linear kinematics.
+
+        Parameters
+        ----------
+        first, last, row_start, row_offset, row_data, S, SI, table
+            As in `bond_sweeps`.
+        Q : float64, shape (n_clusters * 4,)
+            ``q`` of all points.
+        material : int16, shape (n_clusters,)
+        scale : float64, shape (n_materials, n_materials)
+            What ``q`` is multiplied by, from the materials of the two points; of shape (1, 1) where it is 1 throughout.
+        weights : float32, shape ((n_rows + 1) * 8,) or (0,)
+            As in `dilatation_sweeps`.
+
+        Returns
+        -------
+        int
+            ``last``.
+        """
+        zero = splat(0.0)
+        several = scale.shape[0] > 1
+        M = load(table, V5)
+        for i in range(first, last):
+            r = u8(row_start[i])
+            end = u8(row_start[i + 1])
+            if end <= r:
+                continue
+            c = i // W
+            own = c * 9 * W + (i - c * W)
+            ux = splat(S[own])
+            uy = splat(S[own + W])
+            uz = splat(S[own + 2 * W])
+            zx = splat(S[own + 3 * W])
+            zy = splat(S[own + 4 * W])
+            zz = splat(S[own + 5 * W])
+            q = splat(Q[i])
+            fx = zero
+            fy = zero
+            fz = zero
+            while r < end:
+                b = u8(row_offset[r])
+                gx = load(S, b + V3) - zx
+                gy = load(S, b + V4) - zy
+                gz = load(S, b + V5) - zz
+                f = fma(load(S, b) - ux, gx, fma(load(S, b + V1) - uy, gy, (load(S, b + V2) - uz) * gz))
+                if weighted:
+                    o = r * STEP
+                    common = q * load(weights, o) + load(Q, b // _NINE) * load(weights, o + V1)  # alike from both ends
+                else:
+                    common = q + load(Q, b // _NINE)
+                if several:
+                    common = common * splat(scale[material[c], material[b // u8(9 * W)]])
+                f = load(row_data, r * V1) * fma(fma(gx, gx, fma(gy, gy, gz * gz)), common, f)
+                r += ONE
+                px = fma(f, gx, M)
+                py = fma(f, gy, M)
+                pz = fma(f, gz, M)
+                fx = iadd(fx, px)
+                fy = iadd(fy, py)
+                fz = iadd(fz, pz)
+                store(S, b + V6, isub(load(S, b + V6), px))
+                store(S, b + V7, isub(load(S, b + V7), py))
+                store(S, b + V8, isub(load(S, b + V8), pz))
+            SI[own + 6 * W] += ihsum(fx)
+            SI[own + 7 * W] += ihsum(fy)
+            SI[own + 8 * W] += ihsum(fz)
+        return last
+
+    return add_volumetric_forces
+
+
+def _finite_sweep(closed, weighted):
+    """Build the sweep of finite kinematics with ``phi`` in closed form or as a series, and with weights or without."""
+
+    @njit(**_options)
+    def add_volumetric_forces(first, last, row_start, row_offset, row_data, S, SI, table, Q, material, scale, weights):
         """Add the force of every bond of the rows of points ``first:last`` to both of its points, finite kinematics.
 
         Parameters and result are those of the linear sweep.
@@ -141,7 +152,10 @@ def _finite_sweep(closed):
                 gz = load(S, b + V5) - zz
                 e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + V1)
                 phi = response_in_closed_form(one, e, table) if closed else response_by_series(one, e, table)
-                common = q + load(Q, b // _NINE)
+                if weighted:
+                    common = q * load(weights, o) + load(Q, b // _NINE) * load(weights, o + V1)  # alike from both ends
+                else:
+                    common = q + load(Q, b // _NINE)
                 if several:
                     common = common * splat(scale[material[c], material[b // u8(9 * W)]])
                 f = load(row_data, o) * (phi + fnma(phi, common, common))
@@ -162,12 +176,12 @@ def _finite_sweep(closed):
     return add_volumetric_forces
 
 
-def _tangent_sweep(closed):
-    """Build the sweep of the tangent, with ``phi`` in closed form or as a series."""
+def _tangent_sweep(closed, weighted):
+    """Build the sweep of the tangent, with ``phi`` in closed form or as a series, and with weights or without."""
 
     @njit(**_options)
     def add_tangent_forces(
-        first, last, row_start, row_offset, row_data, S, SI, table, Q, material, scale, change, extremes
+        first, last, row_start, row_offset, row_data, S, SI, table, Q, material, scale, weights, change, extremes
     ):  # fmt: skip
         """Add the change of the finite bond forces for a small change ``v`` of the displacements.
 
@@ -215,8 +229,14 @@ def _tangent_sweep(closed):
                 inverse = load(row_data, o + V1)
                 e = fma(yx, yx, fma(yy, yy, yz * yz)) * inverse - one
                 phi = response_in_closed_form(one, e, table) if closed else response_by_series(one, e, table)
-                common = q + load(Q, b // _NINE)
-                changed = more + load(change, b // _NINE)
+                common, changed = load(Q, b // _NINE), load(change, b // _NINE)
+                if weighted:
+                    here, there = load(weights, o), load(weights, o + V1)
+                    common = q * here + common * there  # alike from both ends
+                    changed = more * here + changed * there
+                else:
+                    common = q + common
+                    changed = more + changed
                 if several:
                     weight = splat(scale[material[c], material[b // u8(9 * W)]])
                     common = common * weight
@@ -246,33 +266,30 @@ def _tangent_sweep(closed):
     return add_tangent_forces
 
 
-add_forces_series = _finite_sweep(closed=False)
-add_forces_closed = _finite_sweep(closed=True)
-add_tangent_series = _tangent_sweep(closed=False)
-add_tangent_closed = _tangent_sweep(closed=True)
-#: By (finite, series).
-SWEEPS = {(True, True): add_forces_series, (True, False): add_forces_closed, (False, False): add_forces_linear}
-#: By whether as a series.
-TANGENTS = {True: add_tangent_series, False: add_tangent_closed}
+#: By (finite, series, weighted).
+SWEEPS = {
+    (True, True, False): _finite_sweep(closed=False, weighted=False),
+    (True, False, False): _finite_sweep(closed=True, weighted=False),
+    (False, False, False): _linear_sweep(weighted=False),
+    (True, True, True): _finite_sweep(closed=False, weighted=True),
+    (True, False, True): _finite_sweep(closed=True, weighted=True),
+    (False, False, True): _linear_sweep(weighted=True),
+}
+#: By (series, weighted).
+TANGENTS = {
+    (True, False): _tangent_sweep(closed=False, weighted=False),
+    (False, False): _tangent_sweep(closed=True, weighted=False),
+    (True, True): _tangent_sweep(closed=False, weighted=True),
+    (False, True): _tangent_sweep(closed=True, weighted=True),
+}
 #: What to call the sweeps: their functions share a name.
 NAMES = {
-    add_forces_series: "finite, series, volumetric",
-    add_forces_closed: "finite, closed form, volumetric",
-    add_forces_linear: "linear, volumetric",
-    add_tangent_series: "tangent, series, volumetric",
-    add_tangent_closed: "tangent, closed form, volumetric",
-}
+    sweep: f"{'finite, ' + ('series' if series else 'closed form') if finite else 'linear'}, volumetric"
+    for (finite, series, _), sweep in SWEEPS.items()
+} | {sweep: f"tangent, {'series' if series else 'closed form'}, volumetric" for (series, _), sweep in TANGENTS.items()}
 
 _f8, _i8, _int, _i2 = types.float64[::1], types.int64[::1], types.int64, types.int16[::1]
-_table = types.float64[:, ::1]
-_forces = _int(_int, _int, _i8, types.uint32[::1], types.float32[::1], _f8, _i8, _f8, _f8, _i2, _table)
-_tangent = _int(
-    _int, _int, _i8, types.uint32[::1], types.float32[::1], _f8, _i8, _f8, _f8, _i2, _table, _f8, _f8
-)  # fmt: skip
-SIGNATURES = {
-    add_forces_linear: _forces,
-    add_forces_series: _forces,
-    add_forces_closed: _forces,
-    add_tangent_series: _tangent,
-    add_tangent_closed: _tangent,
-}
+_table, _f4 = types.float64[:, ::1], types.float32[::1]
+_forces = _int(_int, _int, _i8, types.uint32[::1], _f4, _f8, _i8, _f8, _f8, _i2, _table, _f4)
+_tangent = _int(_int, _int, _i8, types.uint32[::1], _f4, _f8, _i8, _f8, _f8, _i2, _table, _f4, _f8, _f8)
+SIGNATURES = dict.fromkeys(SWEEPS.values(), _forces) | dict.fromkeys(TANGENTS.values(), _tangent)

@@ -149,6 +149,11 @@ class Bonds:
         """Materials of the clusters, and the scale of their volumetric part, as kernels take them; empty without."""
         return self.volumetric.of_bonds if self.volumetric else (np.empty(0, np.int16), np.ones((1, 1)))
 
+    def weights_of(self, rows: Rows) -> np.ndarray:
+        """Fitted weights of the slots of interior or boundary rows in dilatations; empty where all are 1."""
+        part = self.volumetric
+        return part.weights[int(rows is self.boundary)] if part else np.empty(0, np.float32)
+
     @property
     def _stride(self) -> int:
         """Stored numbers of a row."""

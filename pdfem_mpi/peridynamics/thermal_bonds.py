@@ -27,7 +27,7 @@ def thermal_dilatations(comm, points: Points, bonds: Bonds, expansion: np.ndarra
         return np.empty(0)
 
     def add(rows, *numbers):
-        add_thermal_dilatations(*rows.arrays, points.x, expansion, *law.of_bonds, *numbers)
+        add_thermal_dilatations(*rows.arrays, points.x, expansion, *law.of_bonds, bonds.weights_of(rows), *numbers)
 
     sums, quanta = sum_terms(comm, points, bonds, add, 1, SCALAR)
     own = 8 * points.n_owned
@@ -52,7 +52,7 @@ def thermal_bond_forces(comm, points: Points, bonds: Bonds, expansion: np.ndarra
     of_bonds = law.of_bonds if law else (np.empty(0, np.int16), np.ones((1, 1)))
 
     def add(rows, *numbers):
-        add_thermal_forces(*rows.arrays, points.x, expansion, common, *of_bonds, *numbers)
+        add_thermal_forces(*rows.arrays, points.x, expansion, common, *of_bonds, bonds.weights_of(rows), *numbers)
 
     sums, quanta = sum_terms(comm, points, bonds, add, 3, VECTOR)
     return sums * quanta[0]

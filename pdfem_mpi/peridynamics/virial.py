@@ -49,7 +49,7 @@ def bond_stresses(
     state = forces.S.reshape(-1), strain, *common, bonds.finite
 
     def add(rows, *numbers):
-        add_stresses(*rows.arrays, *state, *numbers)
+        add_stresses(*rows.arrays, *state, bonds.weights_of(rows), *numbers)
 
     with in_their_rows(bonds, softened_still=True):
         sums, quanta = sum_terms(comm, points, bonds, add, STRESSES, MAGNITUDES + MIXED_PRODUCTS + SCALAR)

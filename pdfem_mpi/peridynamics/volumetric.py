@@ -88,7 +88,11 @@ class Volumetric:
     reference : float, dimension stress
         Shear modulus of the first material with points.
     moments : tuple of Moment
-        How near the points come to what is stable, by material.
+        How near the points come to what is stable, by material; empty with fitted weights.
+    weights : float32 arrays, shapes ((n_rows + 1) * 8,)
+        Fitted weights of the bonds' slots (`fit.dilatation`) of interior and boundary rows; empty where all are 1.
+    largest_weight : float
+        Magnitude, on all ranks.
     """
 
     modulus: np.ndarray
@@ -98,6 +102,13 @@ class Volumetric:
     material: np.ndarray
     reference: float
     moments: tuple[Moment, ...] = ()
+    weights: tuple[np.ndarray, np.ndarray] = (np.empty(0, np.float32), np.empty(0, np.float32))
+    largest_weight: float = 1.0
+
+    @property
+    def is_weighted(self) -> bool:
+        """Whether bonds have fitted weights."""
+        return self.weights[0].size > 0
 
     @property
     def of_bonds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -106,8 +117,8 @@ class Volumetric:
 
     @property
     def widest(self) -> float:
-        """Largest ``scale``."""
-        return float(self.scale.max())
+        """Largest ``scale``, times the largest weight."""
+        return float(self.scale.max()) * self.largest_weight
 
     def dilatation(self, q: np.ndarray) -> np.ndarray:
         """``theta`` of the first clusters by their ``q``, shapes (n, 4); 0 where ``M`` is."""
@@ -150,7 +161,7 @@ def with_moments(comm, points: Points, bonds: Bonds, materials: MaterialTable) -
         Some point's energy might be negative.
     """
     part = bonds.volumetric
-    if part is None:
+    if part is None or part.is_weighted:
         return bonds
     moments = _largest_moments(comm, points, bonds, materials)
     refuse_unstable(moments)
@@ -217,7 +228,7 @@ def stiffening(comm, points: Points, bonds: Bonds) -> tuple[np.ndarray, float]:
 
     By Cauchy and Schwarz ``(sum_j A e)^2 <= S_i sum_j A e^2`` with ``S_i = sum_j A_ij``: for ``M > 0`` the energy is
     at most that of bonds whose stiffness ``k / r`` has grown by the factor ``1 + s r (h_i + h_j)``,
-    ``h = M S / (10 mu w)``. Where ``M < 0`` the part softens.
+    ``h = M S / (10 mu w)``, times the square of the largest weight. Where ``M < 0`` the part softens.
 
     Returns
     -------
@@ -232,6 +243,7 @@ def stiffening(comm, points: Points, bonds: Bonds) -> tuple[np.ndarray, float]:
     h = np.zeros((points.n_clusters, W))
     owned = part.material[: 2 * points.n_owned]
     h[: len(owned)] = _family_sums(points, bonds)[:, 0] * np.maximum(part.factor, 0.0)[owned, None]
+    h *= part.largest_weight**2
     halo_for(points.halo, SCALAR).scatter_forward(h.reshape(-1, 2, 1, W))
     top = float(largest(comm, np.array([h.max(initial=0.0)]))[0])
     return h.reshape(-1), 2.0 * part.widest * bonds.cutoff * top

@@ -21,7 +21,6 @@ from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.bond_forces import BondForces, for_breaking
 from pdfem_mpi.peridynamics.failure import Broken, Failure
 from pdfem_mpi.peridynamics.images import SCALAR, halo_for
-from pdfem_mpi.peridynamics.rows import Rows
 
 
 @dataclass
@@ -63,19 +62,18 @@ class VolumetricForces(BondForces):
 
     def phases(self, failure: Failure | None, margin: float, met: np.ndarray) -> Iterator[tuple[str, Callable]]:
         """As of `BondForces`; bonds break in the first sweep."""
-        interior, boundary = self.bonds.rows
         if failure:
             failure.released_at_points = partial(released, self)
         yield "exchange", self.start_forward
-        yield "bonds", partial(self._sweep_dilatations, interior, failure, margin, met, self.points.halo)
+        yield "bonds", partial(self._sweep_dilatations, 0, failure, margin, met, self.points.halo)
         yield "exchange", self.finish_forward
-        yield "bonds", partial(self._sweep_dilatations, boundary, failure, margin, met)
+        yield "bonds", partial(self._sweep_dilatations, 1, failure, margin, met)
         yield "exchange", partial(self.of_points.scatter_reverse, self.qi.reshape(-1, 2, 1, W))
         yield "bonds", partial(self._make_pressures, met)
         yield "exchange", partial(self.of_points.start_forward, self.q.reshape(-1, 2, 1, W))
-        yield "bonds", partial(self._sweep, interior, None, 0.0, met, self.of_points)
+        yield "bonds", partial(self._sweep_forces, 0, met, self.of_points)
         yield "exchange", partial(self.of_points.finish_forward, self.q.reshape(-1, 2, 1, W))
-        yield "bonds", partial(self._sweep, boundary, None, 0.0, met)
+        yield "bonds", partial(self._sweep_forces, 1, met)
         yield "exchange", self.start_reverse
 
     def linearise(self, u: np.ndarray, largest_e: float) -> None:
@@ -93,9 +91,9 @@ class VolumetricForces(BondForces):
             self.S[:, 3:6] = 2.0 * points.x.reshape(-1, 3, W) + self.S[:, 0:3]
             bound = self._largest_e * self.law.widest * self.bonds.cutoff * self.bonds.strongest
             self._clear(bound)
-            for rows in self.bonds.rows:
-                sweep = dilatation_sweeps.SWEEPS[True, self.series, False]
-                shared = *self._dilatation_arguments(rows), np.zeros(2), *for_breaking(self.bonds, None, 0.0)
+            for kind, rows in enumerate(self.bonds.rows):
+                sweep = dilatation_sweeps.SWEEPS[True, self.series, False, self.law.is_weighted]
+                shared = *self._dilatation_arguments(kind), np.zeros(2), *for_breaking(self.bonds, None, 0.0)
                 self._call(sweep, len(rows.start) - 1, shared)
             self.of_points.scatter_reverse(self.qi.reshape(-1, 2, 1, W))
             self._make_pressures(np.zeros(2))
@@ -128,19 +126,21 @@ class VolumetricForces(BondForces):
         rows = self.bonds.rows_of_point, self.bonds.rows_at_cluster
         dilatations.start_dilatations(self.qi, *rows, integer_bits(self._pattern))
 
-    def _dilatation_arguments(self, rows: Rows) -> tuple:
+    def _dilatation_arguments(self, kind: int) -> tuple:
         table = dilatation_sweeps.constants(self._pattern) if self.bonds.finite else self._pattern
-        return *rows.arrays, self.S.reshape(-1), self.q, self.qi, table, *self.law.of_bonds
+        law, rows = self.law, self.bonds.rows[kind]
+        return *rows.arrays, self.S.reshape(-1), self.q, self.qi, table, *law.of_bonds, law.weights[kind]
 
-    def _sweep_dilatations(self, rows: Rows, failure: Failure | None, margin, met, halo=None) -> None:
-        """Add the terms of rows of bonds to the dilatations of their points; bonds break."""
-        extremes, shared = np.zeros(2), self._dilatation_arguments(rows)
+    def _sweep_dilatations(self, kind: int, failure: Failure | None, margin, met, halo=None) -> None:
+        """Add the terms of interior (0) or boundary rows to the dilatations of their points; bonds break."""
+        extremes, shared, rows = np.zeros(2), self._dilatation_arguments(kind), self.bonds.rows[kind]
         if self.tangent:
-            sweep = dilatation_sweeps.CHANGES[self.series]
+            sweep = dilatation_sweeps.CHANGES[self.series, self.law.is_weighted]
             self._call(sweep, len(rows.start) - 1, (*shared, extremes), None, halo)
-            met[0] = max(met[0], extremes[0] / (self.law.widest * self.bonds.cutoff))
+            size = extremes[0] * self.law.largest_weight
+            met[0] = max(met[0], size / (self.law.widest * self.bonds.cutoff))
             return
-        sweep = dilatation_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None]
+        sweep = dilatation_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None, self.law.is_weighted]
         shared = (*shared, extremes, *for_breaking(self.bonds, failure, margin))
         self._call(sweep, len(rows.start) - 1, shared, failure, halo)
         met[0] = max(met[0], extremes[0], -extremes[1])
@@ -155,16 +155,17 @@ class VolumetricForces(BondForces):
             strength = 1.0 if self.bonds.finite else 2.0 * self.bonds.stiffest
             met[0] = max(met[0], 2.0 * law.widest * top * strength)
 
-    def _sweep(self, rows: Rows, failure, margin, met, halo=None) -> None:
-        """Add the forces of rows of bonds."""
-        extremes = np.zeros(2)
+    def _sweep_forces(self, kind: int, met: np.ndarray, halo=None) -> None:
+        """Add the forces of interior (0) or boundary rows of bonds."""
+        extremes, rows, weighted = np.zeros(2), self.bonds.rows[kind], self.law.is_weighted
+        law = *self.law.of_bonds, self.law.weights[kind]
         table = self.S.reshape(-1), self.SI.reshape(-1), bond_response.constants(self.pattern)
         if self.tangent:
-            sweep = volumetric_sweeps.TANGENTS[self.series]
-            shared = (*rows.arrays, *table, self.linearised, *self.law.of_bonds, self.q, extremes)
+            sweep = volumetric_sweeps.TANGENTS[self.series, weighted]
+            shared = (*rows.arrays, *table, self.linearised, *law, self.q, extremes)
         else:
-            sweep = volumetric_sweeps.SWEEPS[self.bonds.finite, self.series]
-            shared = (*rows.arrays, *table, self.q, *self.law.of_bonds)
+            sweep = volumetric_sweeps.SWEEPS[self.bonds.finite, self.series, weighted]
+            shared = (*rows.arrays, *table, self.q, *law)
         self.swept.add(volumetric_sweeps.NAMES[sweep])
         self._call(sweep, len(rows.start) - 1, shared, None, halo)
         met[0] = max(met[0], extremes[0])

@@ -18,6 +18,7 @@ from pdfem_mpi.kernels import (
     bond_sweeps,
     bond_tangent,
     correction_sweeps,
+    dilatation_fit,
     dilatation_sweeps,
     dilatations,
     families,
@@ -57,20 +58,24 @@ NEEDED_BY = {
     bond_sweeps.add_forces_linear: {"linear"},
     bond_sweeps.add_forces_linear_failing: {"linear", "failing"},
     bond_densities.add_family_sums: {"volumetric"},
-    dilatation_sweeps.add_dilatations_linear: {"volumetric", "linear"},
-    dilatation_sweeps.add_dilatations_linear_failing: {"volumetric", "linear", "failing"},
-    dilatation_sweeps.add_dilatations_series: {"volumetric", "finite"},
-    dilatation_sweeps.add_dilatations_closed: {"volumetric", "finite"},
-    dilatation_sweeps.add_dilatations_series_failing: {"volumetric", "finite", "failing"},
-    dilatation_sweeps.add_dilatations_closed_failing: {"volumetric", "finite", "failing"},
-    dilatation_sweeps.add_dilatation_changes_series: {"volumetric", "finite", "cg"},
-    dilatation_sweeps.add_dilatation_changes_closed: {"volumetric", "finite", "cg"},
     dilatations: {"volumetric"},
     dilatations.listed_terms: {"volumetric", "failing"},
-    volumetric_sweeps.add_forces_linear: {"volumetric", "linear"},
-    volumetric_sweeps.add_forces_series: {"volumetric", "finite"},
-    volumetric_sweeps.add_forces_closed: {"volumetric", "finite"},
-    volumetric_sweeps: {"volumetric", "finite", "cg"},
+    dilatation_fit: {"volumetric", "fitted"},
+    **{
+        sweep: {"volumetric", "finite" if finite else "linear"}
+        | ({"failing"} if failing else set())
+        | ({"fitted"} if weighted else set())
+        for (finite, _, failing, weighted), sweep in dilatation_sweeps.SWEEPS.items()
+    },
+    **{
+        sweep: {"volumetric", "finite" if finite else "linear"} | ({"fitted"} if weighted else set())
+        for (finite, _, weighted), sweep in volumetric_sweeps.SWEEPS.items()
+    },
+    **{
+        sweep: {"volumetric", "finite", "cg"} | ({"fitted"} if weighted else set())
+        for table in (dilatation_sweeps.CHANGES, volumetric_sweeps.TANGENTS)
+        for (_, weighted), sweep in table.items()
+    },
     bond_moments: {"fitted"},
     bond_stresses: {"stresses"},
     bond_tangent: {"finite", "cg"},

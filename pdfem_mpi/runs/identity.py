@@ -28,8 +28,12 @@ HELD_NOW = (
     "as before, or begin anew"
 )
 #: Tables, keys and defaults that came later than the first checkpoints: they say what these mean.
-NEWER_DEFAULTS = (("mesh", "remove", []), ("cracks", "kind", "polygon"), ("supports", "of", "cells"),
-    ("loads", "constant", False))
+NEWER_DEFAULTS = (
+    ("mesh", "remove", []),
+    ("cracks", "kind", "polygon"),
+    ("supports", "of", "cells"),
+    ("loads", "constant", False),
+)
 #: Where the load goes: what was done already must stay.
 LOAD_FACTORS, TIMES = "stepping.load_factors", "stepping.times"
 #: Stands for the mesh itself among the keys.

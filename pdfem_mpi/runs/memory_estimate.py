@@ -37,6 +37,8 @@ NODAL_CELL_BYTES = 1700
 POINT_BYTES = 170
 #: Dilatations of a point, ghosts included, where Poisson's ratio is not 1/4: of the forces, and of a tangent twice.
 DILATATION_BYTES = 25
+#: Fitted weights of a row's slots in the dilatations of both ends.
+WEIGHT_BYTES = 32
 #: Vectors over the unknowns of a point or node while a load case is made: state, loads, one rigid mode at a time.
 MOTION_BYTES = 330
 #: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model, for a cell; and its
@@ -124,7 +126,9 @@ def estimate(scene: Scene, share: Share) -> Need:
     total = rows * ROW_BYTES[scene.kinematics]
     n_cells = len(cells) + len(subdomain.ghosts) + len(subdomain.images)
     total += (8 * n_cells + 0.5 * n_nodes) * POINT_BYTES
-    total += 8 * n_cells * DILATATION_BYTES if scene.has_volumetric_part else 0
+    if bonds and scene.has_volumetric_part:
+        fitted = scene.peridynamics.surface_correction == "fitted"
+        total += 8 * n_cells * DILATATION_BYTES + rows * (WEIGHT_BYTES if fitted else 0)
     later = (8 * len(subdomain.free) + len(subdomain.owned_nodes)) * MOTION_BYTES
     later += np.count_nonzero(share.has_nodes) * NODAL_CELL_BYTES
     if scene.has_cycle:

@@ -152,6 +152,8 @@ def fit_report(outcome: BodyFit | None, smallest: float | None, stable: bool | N
         "bodies": outcome.n_bodies,
     }
     found = {"smallest_eigenvalue": smallest, "stable": stable}
+    if outcome.dilatation:
+        found["dilatation"] = asdict(outcome.dilatation)
     return report | (asdict(outcome.fit) | found if outcome.fit else {})
 
 

@@ -79,6 +79,9 @@ SCENES |= {
     "bonds of another poissons ratio, finite": partial(
         make_scene, (7, 3, 2), 3, poissons_ratio=0.1, kinematics="finite", solver="cg"
     ),
+    "fitted bonds of another poissons ratio": partial(
+        make_scene, (7, 3, 3), 3, poissons_ratio=0.4, correction="fitted", coupling="exact", solver="cg"
+    ),
     "bonds of two poissons ratios": partial(
         make_scene,
         (7, 3, 2),

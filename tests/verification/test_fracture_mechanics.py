@@ -8,6 +8,8 @@ layer of points: means are taken over the growth of several cells. The first bre
 is a quantity of the lattice.
 """
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -42,7 +44,26 @@ CASES = {
         ["mesh.lower=[-1.6,-1.6,-0.05]", "mesh.upper=[1.6,1.6,0.05]"],
         np.arange(0.51, 1.3, 0.1),
     ),
+    "double cantilever, plane strain": (  # 1.005: between mirror planes the crack has no free face
+        "double_cantilever.toml",
+        [
+            "mesh.lower=[-0.6,0.0,0.0]",
+            "mesh.upper=[0.6,2.4,0.1]",
+            'mesh.symmetry=["z-","z+"]',
+            "stepping.eta=0.03",
+            "peridynamics.surface_correction=virial",
+            "regions.held.upper=[0.6,0.2,0.1]",
+            "regions.beam.lower=[-0.6,0.2,0.0]",
+            "supports.0.lower=[-0.6,0.0,0.0]",
+            "supports.0.upper=[-0.2,0.1,0.1]",
+            "supports.1.lower=[0.2,0.0,0.0]",
+            "supports.1.upper=[0.6,0.1,0.1]",
+        ],
+        np.arange(1.01, 2.0, 0.1),
+    ),
 }  # all one cell thick
+#: In plane strain nothing but the bulk's bonds is cut.
+STRAINED = (0.97, 1.05)
 
 
 def with_tip(scene, tip):
@@ -56,7 +77,12 @@ def with_tip(scene, tip):
 
 
 def own_fracture_energy(scene):
-    """Energy at critical stretch of the bonds that the crack's plane cuts, per area, model units."""
+    """Energy at critical stretch of the bonds that the crack's plane cuts, per area, model units; between mirror planes
+    that of the bulk.
+    """
+    if scene.mesh.symmetry:
+        material, length = scene.material, scene.mesh.spacing
+        return material.energy_at_failure(material.critical_stretch, length, 2.5) / (material.youngs_modulus * length)
     body = build(scene.model_copy(update={"cracks": ()}), loaded=False)
     thickness = (scene.mesh.upper[2] - scene.mesh.lower[2]) / body.share.units.length
     across = released(body, 0.0, (3.0, 0.75 * thickness))  # six cells along the crack, all of the thickness
@@ -98,12 +124,40 @@ def grown(deck, overrides, tips):
     "name", [name if name == "double cantilever" else pytest.param(name, marks=pytest.mark.slow) for name in CASES]
 )
 def test_crack_grows_at_its_own_fracture_energy(name):
-    """Mean G / G_c over four cells of growth, after the first: .90 to 1.12; the ledger closes all along."""
+    """Mean G / G_c over four cells of growth, after the first: .90 to 1.12, in plane strain .97 to 1.05; the ledger
+    closes all along.
+    """
     length, ratio, rows = grown(*CASES[name])
     steady = length > length[0] + FIRST_TEETH
     assert length[-1] - length[0] >= FIRST_TEETH + GROWTH
     growth, means = np.diff(length[steady]), 0.5 * (ratio[steady][1:] + ratio[steady][:-1])
-    assert LOWEST <= means @ growth / growth.sum() <= HIGHEST, ratio
+    low, high = STRAINED if "plane strain" in name else (LOWEST, HIGHEST)
+    assert low <= means @ growth / growth.sum() <= high, ratio
     assert rows[0].broken == 0
     assert all(row.event == "critical" for row in rows)
     assert max(abs(row.ledger_error) for row in rows) <= CLOSED
+
+
+#: Of the fracture energy relative to that at 1/4, against the formula: the crack band widens from 0.4 on, which no
+#: plane of bonds knows of. Found: 0.963, 0.993 and 0.924 at 0.1, 0.33 and 0.4.
+RELATIVE = 0.15
+
+
+@cache
+def mean_energy(nu):
+    """Mean G over that of the bonds across a plane in plane strain, and the formula's share of the dilatation."""
+    deck, overrides, tips = CASES["double cantilever"]
+    overrides = [*overrides, 'mesh.symmetry=["z-","z+"]', f"material.poissons_ratio={nu}"]
+    length, ratio, rows = grown(deck, overrides, tips)
+    assert max(abs(row.ledger_error) for row in rows) <= CLOSED
+    steady = length > length[0] + FIRST_TEETH
+    growth, means = np.diff(length[steady]), 0.5 * (ratio[steady][1:] + ratio[steady][:-1])
+    scene = parse_deck((ROOT / "jobs" / deck).read_text(encoding="utf-8"), deck, overrides)
+    return means @ growth / growth.sum() / (1.0 + scene.material.share_of_dilatation(2.5))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("nu", [0.1, 0.33, 0.4])
+def test_fracture_energy_at_any_poissons_ratio(nu):
+    """A crack grows at the energy from which the critical stretch is taken, as well as it does at 1/4."""
+    assert mean_energy(nu) == pytest.approx(mean_energy(0.25), rel=RELATIVE)

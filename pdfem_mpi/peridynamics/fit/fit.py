@@ -6,7 +6,7 @@ their equations. Such a scene gets the correction by the virial stress instead, 
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from pdfem_mpi.parallel.comm import broadcast
 from pdfem_mpi.parallel.slabs import gather_rows
 from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.fit import cache as factor_cache
+from pdfem_mpi.peridynamics.fit.dilatation import DilatationFit, fit_dilatation
 from pdfem_mpi.peridynamics.fit.equations import fit_factors, write_factors
 from pdfem_mpi.peridynamics.fit.grid import MOST_ENTRIES, make_factor_grid
 from pdfem_mpi.peridynamics.fit.outcome import Fit
@@ -47,6 +48,8 @@ class BodyFit:
     fingerprint : str
     n_bodies : int
         Fitted each by itself.
+    dilatation : DilatationFit or None
+        Of the volumetric part, where there is one.
     """
 
     fit: Fit | None
@@ -54,6 +57,7 @@ class BodyFit:
     reused: bool
     fingerprint: str
     n_bodies: int
+    dilatation: DilatationFit | None = None
 
 
 def fit_body(
@@ -94,8 +98,8 @@ def fit_body(
         multipliers = [
             np.ascontiguousarray(rows.reshape(-1, 2, W, N)[number].swapaxes(2, 3)).reshape(-1, N, W) for rows in stored
         ]
-        bonds = write_factors(comm, points, bonds, materials.youngs_modulus, multipliers, signs == "bounded")
-        return bonds, _outcome(Fit(**report), True, key, n_bodies)
+        bonds = write_factors(comm, points, bonds, materials.own_bond_modulus, multipliers, signs == "bounded")
+        return _with_dilatation(comm, share, points, bonds, _outcome(Fit(**report), True, key, n_bodies))
 
     areas, change, slack = boundaries.areas_and_slack(signs == "bounded")
     slack = slack[cells].reshape(-1)
@@ -104,14 +108,31 @@ def fit_body(
         return list(_make_grids(comm, share, cells, points, slack, omega))
 
     bonds, fit, multipliers = fit_factors(
-        comm, points, bonds, materials.youngs_modulus, areas[cells].reshape(-1, 3), slack, signs == "bounded",
+        comm, points, bonds, materials.own_bond_modulus, areas[cells].reshape(-1, 3), slack, signs == "bounded",
         make_grids, change,
     )  # fmt: skip
     if folders:
         stored = _gathered(comm, share.point_row[cells], multipliers, n_cells)
         if stored is not None:
             factor_cache.store(folders, key, asdict(fit), stored)
-    return bonds, _outcome(fit, False, key, n_bodies)
+    return _with_dilatation(comm, share, points, bonds, _outcome(fit, False, key, n_bodies))
+
+
+def _with_dilatation(comm, share: Share, points: Points, bonds: Bonds, outcome: BodyFit) -> tuple[Bonds, BodyFit]:
+    """Fit the weights of the dilatation too, where there is a volumetric part and factors that serve. Collective."""
+    if bonds.volumetric is None or outcome.fit is None:
+        return bonds, outcome
+    areas, _, _ = share.boundaries.areas_and_slack(False)
+    cells = np.concatenate([share.subdomain.free, share.subdomain.overlap])
+    modulus = share.materials.own_bond_modulus
+    bonds, found = fit_dilatation(comm, points, bonds, modulus, areas[cells].reshape(-1, 3))
+    notes = outcome.notes
+    if found.residual > POOR:
+        notes += (
+            f"the fit of the dilatation stops at a residual of {found.residual:.2g} after {found.iterations} "
+            "iterations: uniform strains balance to about this.",
+        )
+    return bonds, replace(outcome, notes=notes, dilatation=found)
 
 
 def _gathered(comm, number: np.ndarray, multipliers: list[np.ndarray], n_cells: int) -> np.ndarray | None:

@@ -107,5 +107,5 @@ def test_shapes_without_a_plane_are_named(make, says):
 def test_a_table_without_kind_is_a_polygon():
     """Decks that were written before there were other shapes."""
     polygon = "polygon = [[3.0, 0.0, 0.0], [3.0, 1.0, 0.0], [3.0, 1.0, 2.0]]"
-    scene = parse_deck(f"{TINY}\n[[cracks]]\n{polygon}\n[[cracks]]\nkind = \"polygon\"\n{polygon}", "deck.toml")
+    scene = parse_deck(f'{TINY}\n[[cracks]]\n{polygon}\n[[cracks]]\nkind = "polygon"\n{polygon}', "deck.toml")
     assert scene.cracks[0] == scene.cracks[1] and isinstance(scene.cracks[0], Crack)

@@ -175,10 +175,12 @@ def test_poissons_ratios_of_bonds(nu):
     found = scene(material=material, regions=(BONDS,))
     assert found.has_volumetric_part and not scene(regions=(BONDS,)).has_volumetric_part
     assert not scene(material=material).has_volumetric_part
-    factors = Peridynamics(surface_correction="fitted")
-    problem = only_problem(lambda: scene(material=material, regions=(BONDS,), peridynamics=factors))
+    factors = Peridynamics(surface_correction="fitted", signs="bounded")
+    assert scene(material=material, regions=(BONDS,), peridynamics=factors).has_volumetric_part
+    brittle = material.model_copy(update={"critical_stretch": 1e-3})
+    problem = only_problem(lambda: scene(material=brittle, regions=(BONDS,), peridynamics=factors))
     assert problem.key == "material.poissons_ratio"
-    assert 'does not go with peridynamics.surface_correction = "fitted"' in problem.text
+    assert 'does not go with peridynamics.surface_correction = "fitted" where bonds may break' in problem.text
 
 
 def test_cutoff_below_internal_length_is_refused():

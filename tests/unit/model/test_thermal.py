@@ -62,7 +62,14 @@ def solved(text, factor=1.0):
 
 
 @pytest.mark.parametrize(
-    ("body", "ratio"), [*((body, 0.25) for body in BODIES), ("bonds, virial", 0.4), ("coupled, paper", 0.1)]
+    ("body", "ratio"),
+    [
+        *((body, 0.25) for body in BODIES),
+        ("bonds, virial", 0.4),
+        ("coupled, paper", 0.1),
+        ("bonds, fitted", 0.4),
+        ("coupled, exact", 0.1),
+    ],
 )
 def test_a_free_body_expands_without_stress(body, ratio):
     """Whatever the correction, the coupling and Poisson's ratio."""

@@ -115,6 +115,27 @@ def test_masses_bound_the_stiffness(nu, cells):
     assert growth < LARGEST_EIGENVALUE
 
 
+def test_fitted_weights_in_the_tangent():
+    """The derivative of forces that weigh their bonds, in finite kinematics, and of the energy."""
+    body = body_of(0.4, "finite", (4, 2, 2), 0, correction="fitted")
+    assert body.model.bonds.volumetric.is_weighted
+    for size in (1e-3, 5e-2):
+        u, v = displaced(body, size), displaced(body, 1.0, 1)
+        change, h = np.empty_like(u), 1e-6
+        body.internal(u)
+        tangent = Forces(body.model, tangent=True)
+        tangent.linearise(u, body.forces.bounds.bond)
+        tangent.evaluate_surely(v, np.zeros_like(u), change)
+        difference = (body.internal(u + h * v) - body.internal(u - h * v)) / (2.0 * h)
+        assert np.abs(difference - change).max() < DIFFERENCES * np.abs(change).max()
+        energies = []
+        for step in (h, -h):
+            body.internal(u + step * v)
+            energies.append(body.forces.stored_energy(u + step * v))
+        work = body.internal(u) @ v
+        assert abs((energies[0] - energies[1]) / (2.0 * h) + work) < DIFFERENCES * abs(work)
+
+
 def test_a_ratio_of_a_quarter_has_nothing_of_it():
     plain, other = body_of(0.25), body_of(0.26)
     assert plain.model.bonds.volumetric is None and plain.model.moments == ()
