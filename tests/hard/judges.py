@@ -58,7 +58,7 @@ def _largest(difference: np.ndarray, of: np.ndarray) -> float:
 def _fields(scene: Scene, outcome: Outcome):
     """Positions and displacements of what the scene has: points, then nodes."""
     body = reference.make_body(scene)
-    nodes = body.share.mesh.nodes[body.share.node_row >= 0]
+    nodes = body.discretization.mesh.nodes[body.discretization.node_row >= 0]
     pairs = [(body.x, outcome.points), (nodes, outcome.nodes)]
     found = [(x, u) for x, u in pairs if len(x)]
     return np.concatenate([x for x, _ in found]), np.concatenate([u for _, u in found])
