@@ -1,6 +1,6 @@
 """The paper's plate with its circular hole (section 4.2, Fig. 13) as hexahedra that conform to the circle, by Gmsh.
 
-    pip install 'pdfem_mpi[gmsh]'
+    pip install gmsh
     python jobs/meshes/plate_with_hole_gmsh.py --spacing 0.05 plate.msh
 
 A square of 1.4 in around the hole is cut by its diagonals into four transfinite sectors; the rest are boxes of cubic

@@ -1,22 +1,24 @@
 #!/bin/bash
-# The failing plate on a cluster, in as many jobs as it takes: each stops with a checkpoint before its time is over and
-# puts itself back into the queue; the next one goes on, on the same or on other nodes.
+# A run on a cluster, in as many jobs as it takes: each stops with a checkpoint before its time is over and puts itself
+# back into the queue; the next one goes on, on the same or on other nodes.
 #
-#   sbatch jobs/slurm/plate.sh                      scancel --signal=USR1 --batch JOB    stops it now
+#   sbatch jobs/slurm/plate.sh [DECK [RUNDIR [options of pdfem run]]]        e.g. with sbatch -N 1 -n 16 -t 30
+#   scancel --signal=USR1 --batch JOB                                        stops it now; it is queued again
 #
-# Not run under Slurm. Signals, exit code 75 and the next start were tried with MPICH's launcher alone.
-# Slurm's own signals do not reach ranks reliably through mpirun, so the batch shell takes them and passes them on.
+# Slurm's own signals do not reach ranks reliably through mpirun, so the batch shell takes them and passes them on. With
+# an MPI that Slurm starts, put LAUNCH="srun --mpi=pmi2" (or pmix) before sbatch: see docs/slurm.md.
 #SBATCH --job-name=plate --nodes=2 --ntasks-per-node=64 --time=04:00:00
 #SBATCH --signal=B:USR1@300 --requeue --open-mode=append
 set -u
-run=runs/plate_cutout
-deck=jobs/plate_cutout.toml
+deck=${1:-jobs/plate_cutout.toml}
+run=${2:-runs/plate_cutout}
+shift $(($# < 2 ? $# : 2))
 export OMP_NUM_THREADS=1
 
 newest() { ls "$run/checkpoints" 2>/dev/null | grep -E '^ckpt-[0-9]+\.h5$' | tail -1; }
 
 before=$(newest)
-mpirun pdfem run "$deck" --out "$run" --max-hours 3.8 &
+${LAUNCH:-mpirun -n $SLURM_NTASKS} pdfem run "$deck" --out "$run" --max-hours 3.8 "$@" &
 pid=$!
 trap 'kill -USR1 $pid 2>/dev/null' USR1 TERM
 wait $pid

@@ -37,3 +37,8 @@ def count(whole: Discretization) -> Counts:
         mesh_nodes=len(whole.mesh.nodes),
         bodies=whole.n_bodies,
     )
+
+
+def too_many_ranks(n_parts: int, n_cells: int) -> str:
+    """A sentence about more ranks than cells."""
+    return f"{n_parts} ranks cannot share {n_cells} cells. Use at most {n_cells} ranks, or a finer mesh."

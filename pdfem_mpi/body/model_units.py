@@ -18,7 +18,7 @@ import numpy as np
 QUANTUM = 2.0**-24
 #: Or of this times the distance from the deck's origin, where that leaves fewer digits.
 FAR = 2.0**-47
-#: Binary digits of what is no place: displacements, loads, moduli.
+#: Binary digits of what is no place: displacements, loads, moduli, critical stretches.
 DIGITS = 40
 
 

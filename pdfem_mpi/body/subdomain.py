@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pdfem_mpi.body.counts import too_many_ranks
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.exact_sums import MOST_RANKS
@@ -117,9 +118,7 @@ def partition(discretization: Discretization, n_parts: int, neighbours: np.ndarr
         )
     n_cells = len(discretization.mesh.cells)
     if n_parts > n_cells:
-        raise SceneError(
-            [f"{n_parts} ranks cannot share {n_cells} cells. Use at most {n_cells} ranks, or a finer mesh."]
-        )
+        raise SceneError([too_many_ranks(n_parts, n_cells)])
     weights = np.full(n_cells, CYCLE_COST if discretization.has_cycle else 0, np.int64)
     weights[discretization.has_nodes] += ELEMENT_COST
     if n_parts > 1:

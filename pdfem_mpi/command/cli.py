@@ -19,12 +19,16 @@ from typing import Annotated
 import typer
 import typer.main
 
+from pdfem_mpi import __version__
 from pdfem_mpi.command import options
 from pdfem_mpi.command.console import ConsoleReporter, fail, print_at_once, print_problems, print_table
+from pdfem_mpi.command.decks import init, schema
 from pdfem_mpi.command.doctor import examine
+from pdfem_mpi.command.folders import clean, export
+from pdfem_mpi.command.plotting import plot
 from pdfem_mpi.command.world import become_ranks, let_interrupts_end_all, read_scene, start_world
 from pdfem_mpi.deck.table import DeckError, SceneError
-from pdfem_mpi.deck.toml import read_deck, write_deck
+from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.system import launcher as launch
 from pdfem_mpi.system.exit_codes import (
     EXIT_FINISHED,
@@ -41,11 +45,24 @@ from pdfem_mpi.system.signals import Requests
 # typer carries its own copy of click in newer versions; its exported exception leads to the base in all
 ClickException = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
 app = typer.Typer(
-    add_completion=False,
     pretty_exceptions_enable=False,
     no_args_is_help=True,
-    help="Quasi-static failure by peridynamics coupled to finite elements, on MPI ranks.",
 )
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        print(f"pdfem_mpi {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def pdfem(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Quasi-static failure by peridynamics coupled to finite elements, on MPI ranks."""
 
 
 def main() -> None:
@@ -80,7 +97,6 @@ def main() -> None:
     sys.exit(code if isinstance(code, int) else EXIT_FINISHED)
 
 
-@app.command()
 def run(
     deck: options.DeckArgument,
     ranks: options.RanksOption = None,
@@ -101,7 +117,6 @@ def run(
     return _run(deck, ranks, _overrides(overrides, minutes), folder, overwrite, max_hours, ways | {"deck": deck})
 
 
-@app.command()
 def resume(
     folder: options.RunFolderArgument,
     ranks: options.RanksOption = None,
@@ -140,7 +155,7 @@ def _run(deck, ranks, overrides, folder, overwrite, max_hours, ways) -> int:
 
     try:
         ways = RunOptions(**ways, end=end, watched=True, requests=requests)
-        return run_scene(scene, comm, folder, write_deck(scene), overwrite, ConsoleReporter(), ways)
+        return run_scene(scene, comm, folder, write_deck(scene), overwrite, ConsoleReporter(scene), ways)
     except SceneError as error:
         raise fail([f"{deck}: {message}" for message in error.messages], comm.rank) from None
     except Refused as error:
@@ -148,7 +163,6 @@ def _run(deck, ranks, overrides, folder, overwrite, max_hours, ways) -> int:
         return error.code
 
 
-@app.command()
 def info(
     path: options.PathArgument,
 ) -> int:
@@ -165,16 +179,19 @@ def info(
     return EXIT_NO_CHECKPOINT
 
 
-@app.command()
-def check(deck: options.DeckArgument, overrides: options.SetOption = None) -> int:
-    """Validate DECK and print what a run would allocate."""
+def check(
+    deck: options.DeckArgument,
+    overrides: options.SetOption = None,
+    ranks: Annotated[int | None, typer.Option("-n", "--ranks", min=1, help="Ranks that the run will have.")] = None,
+) -> int:
+    """Validate DECK as a run would, and print what was understood and what it will take."""
     comm = start_world(None)
     let_interrupts_end_all(comm)
     scene = read_scene(deck, overrides or [], comm)
-    from pdfem_mpi.runs.prepare import check_scene
+    from pdfem_mpi.runs.checking import check_scene
 
     try:
-        sizes = check_scene(scene, comm)
+        sizes = check_scene(scene, comm, ranks)
     except SceneError as error:
         raise fail([f"{deck}: {message}" for message in error.messages], comm.rank) from None
     if comm.rank == 0:
@@ -182,44 +199,6 @@ def check(deck: options.DeckArgument, overrides: options.SetOption = None) -> in
     return 0
 
 
-@app.command()
-def plot(
-    folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.", callback=options.askable)],
-    film: Annotated[bool, typer.Option("--movie", help="Draw the film of the damage too (damage.gif).")] = False,
-) -> int:
-    """Draw the figures of a run with failure again, from its result files."""
-    launch.prepare_environment()
-    from pdfem_mpi.results.ownership import is_run, refuse_folder
-    from pdfem_mpi.runs.outputs import draw_run
-
-    refusal = refuse_folder(folder) or (None if is_run(folder) else f"{folder} holds no run. Give a run folder.")
-    if refusal:
-        raise fail([f"pdfem: {refusal}"], 0)
-    missing: list[str] = []
-    try:
-        scene = read_deck(folder / "deck.toml")
-        drawn = draw_run(folder, scene, missing.append, film)
-    except DeckError as error:
-        raise fail(error.messages, 0) from None
-    except OSError as error:
-        raise fail([f"pdfem: {error.filename}: cannot be read or written ({error.strerror})."], 0) from None
-    except (ValueError, KeyError, TypeError, RuntimeError) as error:
-        problem = f"history.csv or points.vtkhdf is damaged ({type(error).__name__}: {error})"
-        print_problems([f"pdfem: {folder}: {problem}. `pdfem info` says what is sound."], 0)
-        return EXIT_NO_CHECKPOINT
-    for path in drawn:
-        print(path)
-    if missing:
-        print_problems([f"pdfem: {text}." for text in missing], 0)
-        return EXIT_NOT_WRITTEN
-    if not drawn:
-        raise fail([f"pdfem: {folder} has no history of broken bonds to draw."], 0)
-    if film and not any(path.suffix == ".gif" for path in drawn):
-        raise fail([f"pdfem: {folder} has no damage to film. Run the deck with --set output.damage=true."], 0)
-    return 0
-
-
-@app.command()
 def warmup() -> int:
     """Compile all kernels into the cache, for images and continuous integration."""
     comm = start_world(None)
@@ -234,7 +213,6 @@ def warmup() -> int:
     return 0
 
 
-@app.command()
 def study(
     deck: options.DeckArgument,
     vary: options.VaryOption = None,
@@ -285,7 +263,6 @@ def study(
     return code
 
 
-@app.command()
 def doctor() -> int:
     """Print MPI runtime, cores, threads and cache; test that ranks start and files can be written."""
     launch.prepare_environment()
@@ -297,3 +274,8 @@ def doctor() -> int:
     if problems:
         raise fail([f"pdfem: {problem}" for problem in problems], launch.rank_by_launcher())
     return EXIT_FINISHED
+
+
+#: In the order of the help: before a run, the run, after it, the machine.
+for command in (init, schema, check, run, resume, study, info, plot, export, clean, doctor, warmup):
+    app.command()(command)

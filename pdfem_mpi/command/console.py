@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 import sys
 import time
 from collections.abc import Iterable
@@ -14,6 +15,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from pdfem_mpi.command.outlook import Outlook, clock, fitted
+from pdfem_mpi.command.paint import RED, painted
 from pdfem_mpi.system.exit_codes import (
     EXIT_USAGE,
 )
@@ -30,7 +33,8 @@ class ConsoleReporter:
     PIPE_SECONDS = 10.0
     FIRST_SECONDS = 2.0
 
-    def __init__(self) -> None:
+    def __init__(self, scene: Any = None) -> None:
+        self.outlook = Outlook(scene)
         self.terminal = sys.stdout.isatty()
         self.width = 0  # of the line that can be rewritten
         self.step = 0
@@ -40,18 +44,21 @@ class ConsoleReporter:
     def line(self, text: str) -> None:
         """Print a line."""
         self._clear()
-        print(text, flush=True)
+        print(painted(text, sys.stdout), flush=True)
 
     def row(self, columns: dict[str, Any]) -> None:
         """Print a row of the history, where bonds can break."""
         if "broken_bonds" not in columns:
             return
-        text = (
+        parts = [
             f"{columns['step']:>4} {columns['event']:<8}  load {columns['load_factor']:.6g}  reaction "
-            f"{columns['reaction']:.6g}  broken {columns['broken_bonds']:,} (+{columns['new_broken_bonds']:,})  "
-            f"{columns['evaluations']} evaluations  {columns['wall_seconds']:.1f} s"
-        )
-        self.line(text)
+            f"{columns['reaction']:.6g}",
+            f"broken {columns['broken_bonds']:,} (+{columns['new_broken_bonds']:,})",
+            *self.outlook.parts(columns),
+            f"{columns['evaluations']} evaluations",
+            f"{columns['wall_seconds']:.1f} s",
+        ]
+        self.line(fitted(parts, self._room()))
 
     def progress(self, step: int, n_steps: int | None, progress: Any, tolerance: float) -> None:
         """Print the state of an iteration, if it is time to."""
@@ -76,8 +83,7 @@ class ConsoleReporter:
             f"damping {progress.damping:.3g}  {seconds:.1f} s{left}"
         )
         if self.terminal and not done:
-            print("\r" + text.ljust(self.width), end="", flush=True)
-            self.width = len(text)
+            self._rewrite(text)
         else:
             self.line(text)
 
@@ -87,10 +93,19 @@ class ConsoleReporter:
             return
         self.due = now + (self.TERMINAL_SECONDS if self.terminal else self.PIPE_SECONDS)
         if self.terminal:
-            print("\r" + text.ljust(self.width), end="", flush=True)
-            self.width = len(text)
+            self._rewrite(text)
         else:
             self.line(text)
+
+    def _rewrite(self, text: str) -> None:
+        """Print a line that the next one is written over; one that is wider than the terminal could not be."""
+        text = fitted(text.split("  "), self._room())
+        print("\r" + text.ljust(self.width), end="", flush=True)
+        self.width = len(text)
+
+    def _room(self) -> int | None:
+        """Characters of a line of the terminal; None where it is none."""
+        return shutil.get_terminal_size().columns - 1 if self.terminal else None
 
     def table(self, title: str, rows: list[tuple[str, str]]) -> None:
         """Print the table at the end."""
@@ -107,10 +122,7 @@ def remaining(seconds: float, first: float, best: float, tolerance: float) -> st
     """Return the time left as mm:ss or h:mm:ss, from the mean rate at which the residual has fallen."""
     if not 0.0 < best < first < math.inf:
         return "--:--"
-    left = round(seconds * math.log(max(best / tolerance, 1.0)) / math.log(first / best))
-    minutes, second = divmod(left, 60)
-    hours, minute = divmod(minutes, 60)
-    return f"{hours}:{minute:02}:{second:02}" if hours else f"{minute:02}:{second:02}"
+    return clock(seconds * math.log(max(best / tolerance, 1.0)) / math.log(first / best))
 
 
 def print_at_once(text: str) -> None:
@@ -118,11 +130,17 @@ def print_at_once(text: str) -> None:
     print(text, flush=True)
 
 
+def show_progress(text: str, done: bool) -> None:
+    """Rewrite a line of a terminal; say nothing where standard output is a file or a pipe."""
+    if sys.stdout.isatty():
+        print("\r" + text, end="\n" if done else "", flush=True)
+
+
 def print_problems(messages: Iterable[str], rank: int) -> None:
     if rank == 0:
         sys.stdout.flush()
         for message in messages:
-            print(message, file=sys.stderr)
+            print(painted(message, sys.stderr, RED), file=sys.stderr)
         sys.stderr.flush()
 
 

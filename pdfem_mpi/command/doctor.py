@@ -57,7 +57,7 @@ def _library(problems: list[str]) -> str:
     try:
         lines = parallel.mpi().Get_library_version().strip().splitlines()
     except (ImportError, RuntimeError) as error:
-        problems.append(f"no MPI library could be loaded: {error}. Install pdfem_mpi[mpich].")
+        problems.append(f"no MPI library could be loaded: {error}. Install one with pip install mpich.")
         return "none"
     return " ".join(lines[0].split()) + (f" (wheel {wheels[0]})" if len(wheels) == 1 else "")
 
@@ -92,7 +92,7 @@ def _launcher(problems: list[str]) -> str:
         saw = f"worlds of {', '.join(sizes)} ranks" if sizes else f"no answer ({reason})"
         problems.append(
             f"{command[0]} -n 2 gave {saw} instead of one world of 2: it does not belong to the MPI library. "
-            "Install pdfem_mpi[mpich] into a fresh environment."
+            "Make a fresh environment with one of the extras: pip install -e \".[mpich]\"."
         )
         return f"{command[0]} does not match"
     return f"{command[0]} matches: 2 ranks started in {time.perf_counter() - start:.2f} s"

@@ -52,7 +52,7 @@ def start_world(ranks: int | None) -> Any:
         raise fail(
             [
                 f"pdfem: no MPI library could be loaded ({reason[0]}). Install one with "
-                "pip install 'pdfem_mpi[mpich]', or set MPI4PY_LIBMPI to the path of libmpi.so."
+                "pip install mpich, or set MPI4PY_LIBMPI to the path of libmpi.so."
             ],
             launch.rank_by_launcher(),
         ) from None

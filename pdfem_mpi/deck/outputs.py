@@ -118,12 +118,19 @@ class Output(Table):
     fields : bool, or names
         ``points.vtkhdf`` and ``elements.vtkhdf``: false writes neither, true (default) the displacement, a list the
         fields that it names (``docs/results.md`` says what each is).
+    body : bool
+        ``body.vtkhdf`` too, all cells in one file, where there is peridynamics.
+    every : int, >= 1
+        A frame of the fields at every so many rows of the history, and at the last.
     figures : bool
     damage : bool
-        Local damage of the peridynamic points (eq. 5) in ``points.vtkhdf``; the same as ``"damage"`` in a list.
+        Local damage of the peridynamic points (eq. 5) in ``points.vtkhdf``, its mean over a cell in ``body.vtkhdf``;
+        the same as ``"damage"`` in a list.
     """
 
     fields: SkipValidation[bool | tuple[str, ...]] = key(True)
+    body: bool = key(True)
+    every: int = key(1, ge=1)
     figures: bool = key(True)
     damage: bool = key(False)
 
@@ -144,13 +151,17 @@ class Output(Table):
         return tuple(name for name in self.names if name in MECHANICAL_FIELDS + GAUSS_FIELDS)
 
     def problems(self) -> list[Problem]:
-        """Names of fields, and a file for the damage to stand in."""
+        """Names of fields, a file for the damage to stand in, and frames to count."""
         if not isinstance(self.fields, bool) and not is_list_of_names(self.fields):
             remedy = 'Use a list like ["displacement", "stress"], or true or false.'
             return [Problem("fields", f"= {show(self.fields)} is not true or false or a list of names. {remedy}")]
+        problems = [] if isinstance(self.fields, bool) else field_problems("fields", self.fields)
         if self.damage and not self.fields:
-            return [Problem("damage", "= true is a field, and fields = false writes none. Change one of the two.")]
-        return [] if isinstance(self.fields, bool) else field_problems("fields", self.fields)
+            problems += [Problem("damage", "= true is a field, and fields = false writes none. Change one of the two.")]
+        if self.every != 1 and not self.fields:
+            text = f"= {self.every} counts frames of fields, and fields = false writes none. Remove it."
+            problems += [Problem("every", text)]
+        return problems
 
 
 class Checkpoint(Table):

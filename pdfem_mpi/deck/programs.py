@@ -16,15 +16,16 @@ class Solver(Table):
 
     Attributes
     ----------
-    kind : "adr" or "cg"
-        Adaptive dynamic relaxation, eqs (31)-(35), as in the paper; or preconditioned conjugate gradients.
+    kind : "cg" or "adr"
+        Preconditioned conjugate gradients (default), in about twenty evaluations; or adaptive dynamic relaxation, eqs
+        (31)-(35), as in the paper. With ``stepping.kind = "ramp"``, which is relaxation, the default is "adr".
     tolerance : float, above 0 and below 1, dimension 1
         Residual relative to the external force, or to the reactions where there is none.
     max_evaluations : int, >= 1
         Force evaluations of one load step before the run ends as not converged.
     """
 
-    kind: Literal["adr", "cg"] = key("adr")
+    kind: Literal["adr", "cg"] = key("cg")
     tolerance: float = key(1.0e-6, gt=0, lt=1, dimension="1")
     max_evaluations: int = key(200_000, ge=1)
 
@@ -225,6 +226,21 @@ class Events(Table):
 
 def _steps_by_default(value: Any) -> Any:
     return {"kind": "steps", **value} if isinstance(value, dict) else value
+
+
+def with_solver(data: Any) -> Any:
+    """The tables of a scene; where a ramp names no solver, it is relaxation, which is the only one."""
+    if not isinstance(data, dict):
+        return data
+    stepping, solver = data.get("stepping"), data.get("solver", {})
+    kind = stepping.get("kind") if isinstance(stepping, dict) else getattr(stepping, "kind", None)
+    if kind != "ramp":
+        return data
+    if isinstance(solver, Solver) and "kind" not in solver.model_fields_set:
+        return data | {"solver": solver.model_copy(update={"kind": "adr"})}
+    if isinstance(solver, dict) and "kind" not in solver:
+        return data | {"solver": {"kind": "adr", **solver}}
+    return data
 
 
 Stepping = Annotated[Steps | Ramp | Events, Field(discriminator="kind"), BeforeValidator(_steps_by_default)]

@@ -61,7 +61,7 @@ from pdfem_mpi.deck.program_checks import (
     check_something_loads,
     check_stepping_solver,
 )
-from pdfem_mpi.deck.programs import Events, Solver, Stepping, Steps
+from pdfem_mpi.deck.programs import Events, Solver, Stepping, Steps, with_solver
 from pdfem_mpi.deck.regions import (
     Region,
     check_interfaces,
@@ -77,6 +77,11 @@ from pdfem_mpi.deck.temperatures import Temperature, check_temperature
 
 class Scene(Table):
     """What to simulate, complete and frozen; the whole deck.
+
+    Attributes
+    ----------
+    title : str
+        Above figures and tables.
 
     Raises
     ------
@@ -107,7 +112,7 @@ class Scene(Table):
     @model_validator(mode="before")
     @classmethod
     def _fill_in(cls, data: Any) -> Any:
-        return with_defaults(data)
+        return with_defaults(with_solver(data))
 
     def problems(self) -> list[Problem]:
         """What ``CHECKS`` find between the tables."""

@@ -139,7 +139,13 @@ def plain_name(name: str | None) -> list[Problem]:
 
 
 class Units(Table):
-    """Names of the units, for labels only; nothing is converted. Deck table ``[units]``."""
+    """Names of the units, for labels only; nothing is converted. Deck table ``[units]``.
+
+    Attributes
+    ----------
+    length, force : str
+        Such as "mm" and "N"; stresses are then in force / length^2.
+    """
 
     length: str = key("")
     force: str = key("")

@@ -18,6 +18,7 @@ from pydantic import ValidationError
 from pdfem_mpi.deck.limits import find_limits
 from pdfem_mpi.deck.overrides import OverrideProblem, apply, parse_overrides
 from pdfem_mpi.deck.partial import is_table, partial_tables, walk
+from pdfem_mpi.deck.programs import with_solver
 from pdfem_mpi.deck.scene import Scene, find_problems
 from pdfem_mpi.deck.sentences import sentences
 from pdfem_mpi.deck.table import DeckError, Problem, did_you_mean
@@ -160,6 +161,7 @@ def _validate(data: dict[str, Any], beyond: set[str]) -> tuple[Scene | None, lis
     """
     problems = []
     scene = None
+    data = with_solver(data)
     try:
         scene = Scene.model_validate(data)
         tables = {name: getattr(scene, name) for name in Scene.model_fields}

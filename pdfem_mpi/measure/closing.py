@@ -54,7 +54,8 @@ class Closing:
 def measure_closing(share: Share, forces: Forces, failure: Failure) -> Closing:
     """How deep the faces of broken bonds are in each other at the forces' last evaluation. Collective."""
     points, of_bonds = forces.model.points, forces.of_bonds
-    pairs, _ = local_points(points, failure.broken_pairs()[:, :2])
+    listed = failure.broken_pairs()
+    pairs, place = local_points(points, listed[:, :2])
     x = point_rows(points.x)
     u = point_rows(np.ascontiguousarray(of_bonds.S[:, 0:3]).reshape(-1))
     xi, eta = (rows[pairs[:, 1]] - rows[pairs[:, 0]] for rows in (x, u))
@@ -64,6 +65,8 @@ def measure_closing(share: Share, forces: Forces, failure: Failure) -> Closing:
         stretch = np.sqrt(((xi + eta) ** 2).sum(axis=1) / np.maximum(square, 1e-300)) - 1.0
     one, other = (failure.class_of[pairs[:, end] // 4] for end in (0, 1))
     told = (square <= (FACING * share.typical_edge) ** 2) & (stretch < -TOLD * failure.stretch[one, other])
+    if softened := getattr(failure, "softened", None):  # those that still hold are booked with the broken ones
+        told &= listed[place, 2] >= softened.laws.teeth[softened.law_of[one, other]]
     depth = float(largest(share.comm, np.array([(-stretch[told]).max(initial=0.0)]))[0])
     texts = []
     if depth:

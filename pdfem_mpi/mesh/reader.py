@@ -81,7 +81,7 @@ def read_mesh(entry: FileMesh) -> MeshFile:
         raise SceneError(
             [
                 f'mesh.path = "{entry.path}": Exodus II files need netCDF4, which is not installed. Install it '
-                "with pip install 'pdfem_mpi[exodus]', or write the mesh in another format."
+                "with pip install netCDF4, or write the mesh in another format."
             ]
         ) from None
     if problems := _refusals(raw, kind, entry.scale):

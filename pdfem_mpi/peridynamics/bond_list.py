@@ -14,7 +14,7 @@ from pdfem_mpi.peridynamics.points import Points
 
 @dataclass(frozen=True)
 class BondList:
-    """Intact bonds that a rank computes, in the order of their points.
+    """Intact bonds that a rank computes, in the order of their points; none that has broken or softened.
 
     Attributes
     ----------

@@ -36,13 +36,12 @@ import h5py
 import numpy as np
 
 from pdfem_mpi.results.checkpoint_content import find_fault
+from pdfem_mpi.results.checkpoint_files import FORMAT
 from pdfem_mpi.results.guarded import guarded
 from pdfem_mpi.results.own_storage import elsewhere
 from pdfem_mpi.system import faults
 from pdfem_mpi.system.files import sync
 
-#: Rises with the content; earlier ones are read. The header has it as ``schema``.
-FORMAT = 2
 MAGIC = b"pdfem_mpi checkpoint\n"
 SEAL = 512
 HEADER = "header"

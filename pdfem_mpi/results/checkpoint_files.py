@@ -7,6 +7,9 @@ import os
 import re
 from pathlib import Path
 
+#: Of a file; it rises with the content, and earlier ones are read. The header has it as ``schema``. Here, since a run
+#: that writes no checkpoint need not load h5py.
+FORMAT = 2
 _NAME = re.compile(r"ckpt-(\d{6,})\.h5")
 
 

@@ -17,6 +17,7 @@ from pdfem_mpi.results import vtkhdf
 from pdfem_mpi.results.labels import as_it_is, attempt
 from pdfem_mpi.results.ownership import Written
 from pdfem_mpi.results.plots import DPI, LEGEND, SIZE_INCHES, STYLE
+from pdfem_mpi.results.read_frames import frame_numbers
 from pdfem_mpi.results.run_folder import read_history
 from pdfem_mpi.system.files import replacing
 
@@ -29,6 +30,9 @@ ENERGIES = (
     ("released_energy", "released by relaxation", "#009E73"),
 )
 STAGES = 4
+_LAYOUTS = {1: (1, 1), 2: (1, 2)}
+#: A face that shows less than this share of the largest damage hides a crack.
+HIDDEN = 0.6
 #: Damage beside a complete flat crack is 0.39 for l = Delta; the scale ends a little above.
 DAMAGE_SCALE = Normalize(0.0, 0.5)
 FILM_DPI, FRAME_SECONDS = 80, 0.25
@@ -72,7 +76,8 @@ def draw_failure(
     draw("energies.png", _draw_energies, history, title, length, force)
     points = folder / "points.vtkhdf"
     if points.exists() and vtkhdf.frames(points) and "damage" in vtkhdf.frame_fields(points):
-        layer = _Layer(points)
+        layer, numbers = _Layer(points), frame_numbers(points)
+        history = numbers if "broken_bonds" in numbers else history  # files of earlier versions have a frame a row
         draw("damage.png", _draw_stages, layer, history, title, length)
         if film:
             draw("damage.gif", _draw_film, layer, history, title, length)
@@ -141,17 +146,28 @@ def _draw_energies(path: Path, history: dict, title: str, length: str, force: st
 
 
 class _Layer:
-    """The layer of points at one face of the body, across its shortest side, and their damage in each frame."""
+    """The layer of points at one face of the body, across its shortest side, and their damage in each frame.
+
+    Where the face shows little of the damage of the last frame, it is the layer through the largest damage, across the
+    longest direction in which there is some.
+    """
 
     def __init__(self, path: Path):
         self.path = path
         x = vtkhdf.read_points(path)
         sides = np.ptp(x, axis=0)
         across = int(np.argmin(sides))
+        last = vtkhdf.read_frame(path, "damage", vtkhdf.frames(path) - 1)
+        outer = x[:, across] >= x[:, across].max() - 1e-3 * sides.max()
+        inside = last[outer].max(initial=0.0) < HIDDEN * last.max(initial=0.0)
+        if inside:
+            across = int(np.argmax(np.ptp(x[last >= 0.5 * last.max()], axis=0)))
         self.plane = [d for d in range(3) if d != across]
         # points of one layer are no farther apart across the body than a tenth of their spacing within it
         tolerance = 0.1 * np.sqrt(np.prod(sides[self.plane]) / len(x)) if len(x) else 0.0
-        self.chosen = np.flatnonzero(x[:, across] >= x[:, across].max() - tolerance)
+        place = x[np.argmax(last), across] if inside else x[:, across].max()
+        self.chosen = np.flatnonzero(np.abs(x[:, across] - place) <= tolerance)
+        self.where = f"{'xyz'[across]} = {place:.4g}"
         self.x = x[self.chosen][:, self.plane]
         self.low, self.high = self.x.min(axis=0), self.x.max(axis=0)
 
@@ -190,12 +206,13 @@ def _draw_stages(path: Path, layer: _Layer, history: dict, title: str, length: s
     frames = stages(history["broken_bonds"], vtkhdf.frames(layer.path))
     with matplotlib.rc_context(STYLE), replacing(path) as temporary:
         figure = _new_figure(title)
-        panels = np.atleast_1d(figure.subplots(2, 2)).ravel()
+        panels = np.atleast_1d(figure.subplots(*_LAYOUTS.get(len(frames), (2, 2)))).ravel()
         for panel, frame in zip(panels, frames, strict=False):
             image = layer.draw(panel, frame, length)
             panel.set_title(f"{history['broken_bonds'][frame]:,.0f} broken bonds", fontsize=10)
         for panel in panels[len(frames) :]:
             panel.set_axis_off()
+        figure.supxlabel(f"points at {layer.where}{' ' + as_it_is(length) if length else ''}", fontsize=10)
         figure.colorbar(image, ax=panels, label="local damage (0.39: a crack passes by)", extend="max", shrink=0.8)
         figure.savefig(temporary, format="png")
     return path

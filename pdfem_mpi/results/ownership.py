@@ -21,7 +21,8 @@ from pdfem_mpi.system.plain_files import open_plain, read_plain, strange_kind
 RECORD = "run.files"
 _FIRST_LINE = "pdfem_mpi run: files that the program wrote, and may replace or remove"
 DECK = "deck.toml"
-RESULTS = ("history.csv", "points.vtkhdf", "elements.vtkhdf", "run.log")
+_FIRST_RESULTS = ("history.csv", "points.vtkhdf", "elements.vtkhdf", "run.log")
+RESULTS = (*_FIRST_RESULTS, "body.vtkhdf")
 SUMMARY = "summary.json"
 #: Written while the lock is held, and continued from start to start.
 STARTS = "starts.jsonl"
@@ -74,6 +75,12 @@ def is_run(folder: Path) -> bool:
     begun = _starts_with(folder / "history.csv", b"step,event,load_factor,")
     logged = re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d  ", _text(folder / "run.log"))
     return (folder / DECK).is_file() and bool(begun or logged)
+
+
+def is_checkpoint(path: Path) -> bool:
+    """Return whether a file has a checkpoint's name, and begins as this program's checkpoints do."""
+    named = _CHECKPOINT.fullmatch(path.name) and not path.is_symlink()
+    return bool(named) and _starts_with(path, b"pdfem_mpi checkpoint\n")
 
 
 def is_study(folder: Path) -> bool:
@@ -163,6 +170,10 @@ class Written:
             with contextlib.suppress(OSError):
                 (self.folder / RECORD).unlink()
 
+    def has(self, name: str) -> bool:
+        """Return whether the program wrote a file of this name."""
+        return name in self._names
+
     def new(self, name: str) -> Path:
         """Return the path of a file that is about to be written; what is there and is not the program's steps aside."""
         path = self.folder / name
@@ -227,7 +238,7 @@ def _names_before_records(folder: Path) -> tuple[set[str], set[str]]:
     """What a run folder without a record has of the program: names, and digests of its deck."""
     if not is_run(folder):
         return set(), set()
-    names = {*RESULTS, SUMMARY, *(f"figures/{name}" for name in _FIGURES)}
+    names = {*_FIRST_RESULTS, SUMMARY, *(f"figures/{name}" for name in _FIGURES)}
     for name in _lines_of(folder / DECK):
         names |= {f"lines/{name}.csv", f"figures/line_{name}.png"}
     digest = _object(folder / SUMMARY).get("deck_sha256")

@@ -11,7 +11,33 @@ import numpy as np
 from pdfem_mpi.results.frame_digest import FrameDigest
 from pdfem_mpi.results.own_storage import elsewhere
 
-KINDS = ("PointData", "CellData")
+KINDS = ("PointData", "CellData", "FieldData")
+
+
+def rows_of(root: h5py.Group, kind: str) -> int:
+    """Rows of a field of one frame: a value at each point, at each cell, or one for the frame."""
+    count = {"PointData": "NumberOfPoints", "CellData": "NumberOfCells"}.get(kind)
+    return int(root[count][0]) if count else 1
+
+
+def frame_numbers(path: str | Path) -> dict[str, np.ndarray]:
+    """Numbers of each frame by name, such as ``load_factor``, float64, shape (n_frames,).
+
+    Files of earlier versions have none, and load factors for times.
+    """
+    with h5py.File(path, "r", locking=False) as file:
+        root = file["VTKHDF"]
+        present, numbers = int(root["Steps"].attrs["NSteps"]), root.get("FieldData", {})
+        found = {name: table[:present] for name, table in numbers.items()}
+        return found or {"load_factor": root["Steps/Values"][:present]}
+
+
+def frame_rows(path: str | Path) -> np.ndarray:
+    """Row of history.csv that each frame is of, from 0, int64, shape (n_frames,)."""
+    with h5py.File(path, "r", locking=False) as file:
+        root = file["VTKHDF"]
+        times = root["Steps/Values"][: int(root["Steps"].attrs["NSteps"])]
+        return times.astype(np.int64) - 1 if root.get("FieldData") else np.arange(len(times))
 
 
 def read_digest(path: str | Path, frames: int, entries: tuple[str, ...]) -> FrameDigest:
@@ -39,10 +65,12 @@ def read_digest(path: str | Path, frames: int, entries: tuple[str, ...]) -> Fram
         present = int(steps.attrs["NSteps"])
         if not 0 <= frames <= present:
             raise ValueError(f"it has {present} frames, and {frames} when they were written")
-        moving = {f"{kind}/{name}": table[:] for kind in KINDS for name, table in steps[f"{kind}Offsets"].items()}
+        moving = {
+            f"{kind}/{name}": table[:] for kind in KINDS for name, table in steps.get(f"{kind}Offsets", {}).items()
+        }
         digest = FrameDigest()
         _add_static(digest, file, moving)
-        rows = {"PointData": int(root["NumberOfPoints"][0]), "CellData": int(root["NumberOfCells"][0])}
+        rows = {kind: rows_of(root, kind) for kind in KINDS}
         times, tables = steps["Values"][:], {name: steps[name][:] for name in entries}
         for frame in range(frames):
             fields = {}
@@ -65,7 +93,7 @@ def _add_static(digest: FrameDigest, file: h5py.File, moving: Mapping[str, objec
         if isinstance(root[name], h5py.Dataset):
             digest.add(name, root[name][()])
     for kind in KINDS:
-        for name in sorted(root[kind]):
+        for name in sorted(root.get(kind, ())):
             if f"{kind}/{name}" not in moving:
                 digest.add(f"{kind}/{name}", root[kind][name][()])
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from pdfem_mpi.results import vtkhdf
+from pdfem_mpi.results.read_frames import frame_numbers, frame_rows
 from pdfem_mpi.system.plain_files import read_plain
 
 #: The column of history.csv that holds words; all others are numbers.
@@ -105,7 +106,12 @@ class Frames:
     @property
     def load_factors(self) -> np.ndarray:
         """Load factor of each frame, float64, shape (n_frames,)."""
-        return vtkhdf.read_times(self.path)
+        return frame_numbers(self.path)["load_factor"]
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Row of the history that each frame is of, from 0, int64, shape (n_frames,)."""
+        return frame_rows(self.path)
 
     @property
     def names(self) -> list[str]:

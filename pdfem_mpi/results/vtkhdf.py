@@ -15,7 +15,7 @@ import numpy as np
 
 from pdfem_mpi.results.frame_digest import FrameDigest
 from pdfem_mpi.results.guarded import guarded
-from pdfem_mpi.results.read_frames import read_digest
+from pdfem_mpi.results.read_frames import KINDS, read_digest, rows_of
 from pdfem_mpi.system.files import replacing
 
 VERTEX, HEXAHEDRON = 1, 12  # VTK cell types
@@ -98,18 +98,21 @@ def append_frame(
     time: float,
     point_data: Arrays | None = None,
     cell_data: Arrays | None = None,
+    field_data: Mapping[str, float] | None = None,
     digest: FrameDigest | None = None,
 ) -> None:
-    """Append the fields at one time (or load factor); the first frame decides which fields there are.
+    """Append the fields at one time; the first frame decides which fields there are.
 
     Parameters
     ----------
     path : str or Path
         A file made by `create_points` or `create_elements`.
     time : float
-        Shown by the viewer as time.
+        Shown by the viewer as time; it must rise, or the viewer finds the wrong frame.
     point_data, cell_data : dicts of arrays, shape (n,) or (n, k), optional
         Fields on points (or nodes) and on cells.
+    field_data : dict of float, optional
+        Numbers of the whole frame, such as the load factor; stored in double precision.
     digest : FrameDigest, optional
         Of the file so far; the frame is added to it when it is written.
 
@@ -125,7 +128,8 @@ def append_frame(
         frame = int(steps.attrs["NSteps"])
         _cut(root, frame)
         stored: dict[str, np.ndarray] = {}
-        for kind, fields in (("PointData", point_data or {}), ("CellData", cell_data or {})):
+        numbers = {name: np.array([value], np.float64) for name, value in (field_data or {}).items()}
+        for kind, fields in zip(KINDS, (point_data or {}, cell_data or {}, numbers), strict=True):
             offsets = steps[kind + "Offsets"]
             if frame and set(fields) != set(offsets):
                 raise ValueError(f"{path}: frame {frame} has {kind} {sorted(fields)}, earlier frames {sorted(offsets)}")
@@ -156,6 +160,12 @@ def frames(path: str | Path) -> int:
         return int(file["VTKHDF/Steps"].attrs["NSteps"])
 
 
+def has_numbers(path: str | Path) -> bool:
+    """Whether the file is of a version that keeps the numbers of its frames."""
+    with h5py.File(path, "r", locking=False) as file:
+        return "FieldData" in file["VTKHDF"]
+
+
 def frame_fields(path: str | Path, kind: Kind = "PointData") -> list[str]:
     """Names of the fields of points (or nodes), or of cells, that the frames have."""
     with h5py.File(path, "r", locking=False) as file:
@@ -163,7 +173,7 @@ def frame_fields(path: str | Path, kind: Kind = "PointData") -> list[str]:
 
 
 def read_times(path: str | Path) -> np.ndarray:
-    """Time (or load factor) of each frame, float64, shape (n_frames,)."""
+    """Time of each frame, float64, shape (n_frames,)."""
     with h5py.File(path, "r", locking=False) as file:
         steps = file["VTKHDF/Steps"]
         return steps["Values"][: int(steps.attrs["NSteps"])]
@@ -233,7 +243,7 @@ def _create(path, x, cells, cell_type, point_data, cell_data, precision, attribu
         steps.create_dataset("Values", (0,), "f8", maxshape=(None,), chunks=(STEPS_PER_CHUNK,))
         for name, (shape, _) in STEP_ENTRIES.items():
             steps.create_dataset(name, (0, *shape), "i8", maxshape=(None, *shape), chunks=(STEPS_PER_CHUNK, *shape))
-        for kind, fields in (("PointData", point_data), ("CellData", cell_data)):
+        for kind, fields in zip(KINDS, (point_data, cell_data, {}), strict=True):
             root.create_group(kind)
             steps.create_group(kind + "Offsets")
             for name, values in fields.items():
@@ -244,11 +254,11 @@ def _rows(root: h5py.Group, kind: str, name: str, values: np.ndarray) -> np.ndar
     """Return a field in the type that is stored, after a check of its name and shape."""
     if name in root[kind] and name not in root["Steps"][kind + "Offsets"]:
         raise ValueError(f"{root.file.filename}: {kind} {name} is a static field")
-    n_rows = int(root[COUNTS[kind]][0])
+    n_rows = rows_of(root, kind)
     values = np.asarray(values)
     if values.ndim not in (1, 2) or len(values) != n_rows:
         raise ValueError(f"{root.file.filename}: {kind} {name} has shape {values.shape}, needs {n_rows} rows")
-    if values.dtype.kind == "f":
+    if values.dtype.kind == "f" and kind != "FieldData":
         return values.astype(root.file.attrs["field_precision"], copy=False)
     return values.astype("u1") if values.dtype.kind == "b" else values
 
@@ -274,12 +284,14 @@ def _cut(root: h5py.Group, n_frames: int) -> None:
     steps = root["Steps"]
     for name in ("Values", *STEP_ENTRIES):
         steps[name].resize(n_frames, axis=0)
-    for kind, count in COUNTS.items():
+    for kind in KINDS:
+        if kind not in root:
+            continue  # files of earlier versions have no FieldData
         offsets, fields = steps[kind + "Offsets"], root[kind]
         for name in list(offsets):
             if n_frames:
                 offsets[name].resize(n_frames, axis=0)
-                fields[name].resize(n_frames * int(root[count][0]), axis=0)
+                fields[name].resize(n_frames * rows_of(root, kind), axis=0)
             else:
                 fields.pop(name, None)
                 del offsets[name]

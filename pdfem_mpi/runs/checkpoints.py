@@ -21,6 +21,7 @@ from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import NotWritten, broadcast, on_root_beating
 from pdfem_mpi.peridynamics.failure import Failure
+from pdfem_mpi.results.checkpoint_files import FORMAT
 from pdfem_mpi.results.cursor import free_name
 from pdfem_mpi.runs.environment import environment
 from pdfem_mpi.runs.identity import identity, sha256
@@ -240,7 +241,6 @@ def take_over(start: RestartPoint, folder: Path) -> None:
 
 def origin_of(scene: Scene, share: Share) -> dict[str, Any]:
     """What a header says of the program, the computer and the scene."""
-    from pdfem_mpi.results.checkpoint import FORMAT
 
     keys = identity(scene, share)
     return {

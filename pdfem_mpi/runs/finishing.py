@@ -16,6 +16,7 @@ from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.memory_report import count_parts, describe_memory, left_out, table_of
 from pdfem_mpi.runs.notes import Findings, ending
 from pdfem_mpi.runs.restart_point import RestartPoint
+from pdfem_mpi.runs.sanity import look_back
 from pdfem_mpi.runs.stopwatch import phase
 from pdfem_mpi.runs.summary import end_table, make_summary
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_STOPPED
@@ -43,6 +44,8 @@ def finish(run: Run, march: March, start: RestartPoint, findings: Findings, size
     seconds["solve"], seconds["output"] = march.seconds, march.seconds_of_output
     phases = {name: round(value, 6) for name, value in simulation.forces.seconds.items()}
     bonds = comm.gather(simulation.model.bonds.count if simulation.model.bonds else 0)
+    for text in look_back(simulation, march.first_break):
+        run.reporter.line(text)
     if ended.fields is not None:
         run.outputs.measure(ended.fields, simulation.state.load_factor)
     with phase(seconds, "output"):

@@ -16,6 +16,10 @@ from pdfem_mpi.runs.output import Output, Place
 
 Arrays = dict[str, Any]
 HISTORY_FILE, POINTS_FILE, ELEMENTS_FILE = "history.csv", "points.vtkhdf", "elements.vtkhdf"
+#: Columns of history.csv that a frame has as well, and their names there; ``time`` is the viewer's own.
+NUMBERS = {
+    "load_factor": "load_factor", "time": "pseudo_time", "reaction": "reaction", "broken_bonds": "broken_bonds",
+}  # fmt: skip
 
 
 class FramesOutput(Output):
@@ -32,6 +36,11 @@ class FramesOutput(Output):
     names : tuple of str
         Of the fields that the deck asks for.
     has_damage : bool
+
+    Attributes
+    ----------
+    row : int
+        Rows of the history so far: the number of the last is the time of its frame, so that time always rises.
     """
 
     def __init__(
@@ -46,30 +55,59 @@ class FramesOutput(Output):
         self.name, self.create, self.pick, self.names, self.has_damage = name, create, pick, names, has_damage
         self.path: Path
         self.digest: FrameDigest
+        self.row, self.every = 0, 1
+        self._waiting: tuple[dict[str, Any], Fields | None, np.ndarray | None] | None = None
 
     def open(self, place: Place) -> None:
         from pdfem_mpi.results import vtkhdf
 
+        self.row, self.every = place.cursors.get(HISTORY_FILE, {}).get("rows", 0), place.scene.output.every
         self.path = place.written.new(self.name)
         if place.other_fields:
             set_aside(self.path, "output was changed", place.note, "before")
         cursor = None if place.other_fields else place.cursors.get(self.name)
         digest = None if cursor is None else continue_frames(self.path, cursor, place.note)
+        if digest is not None and not vtkhdf.has_numbers(self.path):
+            set_aside(self.path, "its frames are those of an older version", place.note, "before")
+            digest = None
         if digest is None:
             self.create(place, self.path)
             digest = vtkhdf.digest_of(self.path)
         self.digest = digest
 
     def write(self, columns: dict[str, Any], fields: Fields | None, damage: np.ndarray | None) -> None:
-        from pdfem_mpi.results import vtkhdf
+        self.row += 1
+        self._waiting = columns, fields, damage
+        if (self.row - 1) % self.every == 0:
+            self._append()
 
+    def close(self, place: Place) -> None:
+        self._append()  # the last row, whatever its number is
+
+    def arrays(self, fields: Fields | None, damage: np.ndarray | None) -> tuple[Arrays, Arrays]:
+        """Fields of a frame on points or nodes, and on cells."""
         on_points, on_cells = (
             {name: found[name] for name in self.names if name in found} for found in self.pick(fields)
         )
         if damage is not None and self.has_damage:
-            on_points |= dict(zip(("damage", "softened", "gone"), damage.reshape(len(damage), -1).T, strict=False))
-        time = columns.get("time", columns["load_factor"])
-        vtkhdf.append_frame(self.path, time, on_points, on_cells, digest=self.digest)
+            on_points |= by_part(damage)
+        return on_points, on_cells
+
+    def _append(self) -> None:
+        """Append the frame of the last row, if it is not there already."""
+        from pdfem_mpi.results import vtkhdf
+
+        if self._waiting is None:
+            return
+        columns, fields, damage = self._waiting
+        numbers = {name: columns[column] for column, name in NUMBERS.items() if column in columns}
+        vtkhdf.append_frame(self.path, self.row, *self.arrays(fields, damage), numbers, self.digest)
+        self._waiting = None
+
+
+def by_part(damage: np.ndarray) -> Arrays:
+    """Local damage, and where bonds soften its parts, by the names of the fields."""
+    return dict(zip(("damage", "softened", "gone"), damage.reshape(len(damage), -1).T, strict=False))
 
 
 def fields_of_points(fields: Fields) -> tuple[Arrays, Arrays]:
@@ -99,21 +137,21 @@ def create_points(place: Place, path: Path) -> None:
 
 def create_elements(place: Place, path: Path) -> None:
     """Write the geometry of the finite elements."""
-    from pdfem_mpi.results import vtkhdf
-
     geometry = place.geometry
     cells = geometry.has_nodes
-    vtkhdf.create_elements(
-        path,
-        geometry.node_positions,
-        geometry.node_row[geometry.mesh.cells[cells]],
-        {
-            "region": geometry.region[cells],
-            "material": geometry.material[cells],
-            "overlap": geometry.is_overlap[cells],
-        },
-        attributes=_identity(place),
-    )
+    data = {
+        "region": geometry.region[cells],
+        "material": geometry.material[cells],
+        "overlap": geometry.is_overlap[cells],
+    }
+    write_cells(place, path, geometry.node_positions, geometry.node_row[geometry.mesh.cells[cells]], data)
+
+
+def write_cells(place: Place, path: Path, nodes: np.ndarray, cells: np.ndarray, data: dict[str, np.ndarray]) -> None:
+    """Write the geometry of hexahedra, with fields that do not change."""
+    from pdfem_mpi.results import vtkhdf
+
+    vtkhdf.create_elements(path, nodes, cells, data, attributes=_identity(place))
 
 
 def _identity(place: Place) -> dict[str, str]:

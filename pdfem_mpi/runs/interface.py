@@ -14,7 +14,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import read_deck, write_deck
 from pdfem_mpi.parallel.comm import broadcast, world
 from pdfem_mpi.results.run_folder import RunFolder, read_summary
-from pdfem_mpi.runs.prepare import check_scene
+from pdfem_mpi.runs.checking import check_scene
 from pdfem_mpi.runs.reporter import LineReporter, NullReporter
 from pdfem_mpi.runs.restart_point import CONTINUE, RunOptions
 from pdfem_mpi.runs.run import run as run_scene

@@ -88,6 +88,7 @@ class March:
         self.energy_error: float | None = None
         self.seconds = self.seconds_of_output = 0.0
         self._warned_of_strains = False
+        self.first_break: float | None = None
         comes_back = getattr(simulation.scene.stepping, "times", None) is not None
         self._looks_for_overlap = comes_back and simulation.failure is not None
 
@@ -154,6 +155,9 @@ class March:
             ended.fields = simulation.fields(*simulation.scene.output.mechanical, probes=simulation.probe_reader)
         columns = simulation.row(report)
         columns |= probe_row(simulation.scene.probes, ended.fields.probed if ended.fields else {})
+        if self.first_break is None and (report.event == "critical" or report.new_broken):
+            began_here = report.broken == report.new_broken
+            self.first_break = report.load_factor if began_here else 1.0  # an earlier start has told
         body = simulation.share, simulation.model
         ended.damage = gather_damage(*body, self.remaining, simulation.failure, parts=True)
         on_root(simulation.comm, lambda: self.outputs.write(columns, ended.fields, ended.damage))

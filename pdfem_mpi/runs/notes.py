@@ -16,6 +16,7 @@ from pdfem_mpi.peridynamics.volumetric import describe_moments
 from pdfem_mpi.runs.correction_notes import describe_correction
 from pdfem_mpi.runs.failure_notes import criteria, describe_criterion, failure_summary
 from pdfem_mpi.runs.prepare import describe_mirrors
+from pdfem_mpi.runs.sanity import doubts
 from pdfem_mpi.runs.simulation import Simulation
 from pdfem_mpi.solvers.stability import smallest_eigenvalue
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_STOPPED, RUN_STATUS
@@ -64,6 +65,7 @@ def examine(simulation: Simulation, is_resumed: bool) -> Findings:
     found.notes += describe_moments(model.moments)
     limits = criteria(scene, share, model)
     found.failure = failure_summary(scene, share, simulation.failure, limits)
+    found.notes += doubts(scene, share, limits)
     found.notes += describe_criterion(scene, share, simulation.failure, limits)
     _examine_stability(simulation, is_resumed, found)
     return found

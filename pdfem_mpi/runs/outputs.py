@@ -21,6 +21,7 @@ from pdfem_mpi.measure.geometry import Geometry, gather_geometry
 from pdfem_mpi.results.cursor import continue_history, flushed
 from pdfem_mpi.results.history import History
 from pdfem_mpi.results.labels import attempt
+from pdfem_mpi.runs.body_frames import BodyFrames
 from pdfem_mpi.runs.frames import (
     ELEMENTS_FILE,
     HISTORY_FILE,
@@ -123,6 +124,8 @@ def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
         outputs.frames.append(FramesOutput(POINTS_FILE, create_points, fields_of_points, names, True))
     if names and scene.has_finite_elements:
         outputs.frames.append(FramesOutput(ELEMENTS_FILE, create_elements, fields_of_elements, names))
+    if names and scene.has_peridynamics and scene.output.body:
+        outputs.frames.append(BodyFrames(names))
     outputs.probes += [OF_PROBE[type(probe)](probe) for probe in place.scene.probes]
     return outputs
 

@@ -16,12 +16,11 @@ from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.model.model import Model
-from pdfem_mpi.parallel.comm import agree, broadcast, largest, node_communicator, sum_integers
+from pdfem_mpi.parallel.comm import agree, broadcast, node_communicator, sum_integers
 from pdfem_mpi.peridynamics.bonds import total_bonds
-from pdfem_mpi.peridynamics.fit.fit import EXPECTED_SWEEPS, SWEEP_RATE
 from pdfem_mpi.runs.compilation import compile_kernels
-from pdfem_mpi.runs.memory_estimate import Need, check_mesh, check_model, show_bytes
-from pdfem_mpi.runs.softening_notes import describe_softening, softening_of, softening_warnings
+from pdfem_mpi.runs.memory_estimate import Need, check_mesh, check_model
+from pdfem_mpi.runs.softening_notes import softening_of
 
 
 def warm_up(comm, features: Collection[str] | None = None) -> None:
@@ -92,46 +91,6 @@ def cut_again(scene: Scene, before: Share) -> Share:
     if share.mesh_sha256 != before.mesh_sha256:
         raise SceneError([f"mesh.path = {scene.mesh.path} has changed since. Make a new simulation."])
     return replace(share, boundaries=None)
-
-
-def check_scene(scene: Scene, comm) -> dict[str, str]:
-    """What a run of the scene would allocate, by name; nothing large is allocated. Collective.
-
-    Raises
-    ------
-    SceneError
-        Also when it would not fit into memory.
-    """
-    share, need = prepare(scene, comm)
-    softening = softening_of(scene, share)
-    warnings = [text.removeprefix("warning: ") for text in softening_warnings(scene, softening)]
-    sizes, quality = count_sizes(share, None), share.quality
-    bonds, total = sum_integers(comm, np.array([int(need.bonds), int(need.bytes)]))
-    return {
-        **({"mirror planes": describe_mirrors(scene)} if share.mirrors else {}),
-        "cells": f"{share.counts.cells}",
-        **({"of the mesh file": "; ".join(share.notes)} if share.notes else {}),
-        "nodes": f"{sizes['nodes']}",
-        "edges of cells": f"{quality.shortest_edge:.4g} to {quality.longest_edge:.4g}",
-        "smallest scaled Jacobian": f"{quality.smallest_scaled_jacobian:.4g}",
-        "smallest Gauss volume": f"{quality.smallest_gauss_volume:.4g}",
-        "elements": f"{sizes['elements']}",
-        "points": f"{sizes['points']}",
-        "undirected bonds, about": f"{bonds:.3g}",
-        **dict(describe_softening(scene, softening)),
-        **({"of bonds that soften": "; ".join(warnings)} if warnings else {}),
-        "memory, about": f"{show_bytes(total)} in all, of the largest rank "
-        f"{show_bytes(float(largest(comm, np.array([need.bytes]))[0]))}",
-    } | _fit_cost(scene, bonds, comm.size)
-
-
-def _fit_cost(scene: Scene, bonds: int, ranks: int) -> dict[str, str]:
-    """What the fit of bond factors would take."""
-    if not bonds or scene.peridynamics.surface_correction != "fitted":
-        return {}
-    sweeps = EXPECTED_SWEEPS[scene.peridynamics.signs]
-    seconds = sweeps * bonds / (SWEEP_RATE * ranks)
-    return {"fit of bond factors, about": f"{sweeps} sweeps, {seconds:.2g} s unless it is found from before"}
 
 
 def count_sizes(share: Share, model: Model | None) -> dict[str, int]:

@@ -195,7 +195,7 @@ def mpirun_command(ranks: int) -> tuple[list[str], dict[str, str]]:
     if mpirun is None:
         raise LaunchError(
             f"-n {ranks}: there is no mpirun beside {sys.executable} and none in PATH. Install one with "
-            "pip install 'pdfem_mpi[mpich]', load this machine's MPI module, or leave -n away (one rank)."
+            "pip install mpich, load this machine's MPI module, or leave -n away (one rank)."
         )
     command = [mpirun, "-n", str(ranks)]
     if not is_open_mpi(mpirun):

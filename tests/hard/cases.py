@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from hard.judges import (
+    adds_up,
     broken,
     counted_bonds,
     direct_solution,
     finite_equilibrium,
+    follows_opening,
     modulus,
     nothing_moves,
     numbers,
@@ -616,6 +618,39 @@ CASES = (
         "nothing moves, and the force that is lost is told",
         says(nothing_moves(), "held"),
         ('supports=[{face="x-",x=0.0,y=0.0,z=0.0},{face="x+",x=0.0,y=0.0,z=0.0}]',),
+    ),
+    # 22
+    Case(
+        22,
+        "snap-back under opening control",
+        "notched_beam",
+        "the opening never shrinks, the load falls below 95 % of the first break's, ledger to 1e-9",
+        follows_opening("mouth", 0.95, 1e-9),
+        short=("stepping.end_reaction=0.8",),
+    ),
+    Case(
+        22,
+        "rollers on bonds",
+        "notched_beam",
+        "both carry half of the load of 1, to a fifth of a cell; together it, to 1e-9",
+        adds_up(1e-9, 0.03, "left_roller", "right_roller"),
+        ('stepping={kind="steps"}', "material.critical_stretch=1.0"),
+    ),
+    Case(
+        22,
+        "a body cut in two",
+        "notched_beam",
+        "refused with the sizes and places of the parts",
+        refused(BAD_DECK, "mesh.remove leaves 2 parts that share no face, of 72, 66 cells"),
+        ("mesh.remove.0.upper=[13,6,1]",),
+    ),
+    Case(
+        22,
+        "an opening across nothing",
+        "notched_beam",
+        "refused with the probe",
+        refused(BAD_DECK, "probes.0 measures an opening across nothing: both of its points lie in one cell"),
+        ("probes.mouth.one=[13.2,0.0,0.5]", "probes.mouth.two=[13.8,0.0,0.5]"),
     ),
 )
 

@@ -206,6 +206,30 @@ def snaps_back(ledger: float = 1e-9) -> Judge:
     return compared(measure, ledger)
 
 
+def follows_opening(name: str, fall: float, ledger: float) -> Judge:
+    """An opening that never shrinks, a load that falls below a part of the first, and a ledger that closes."""
+
+    def measure(scene, outcome, others):
+        opening = np.array([row[f"{name}.opening"] for row in outcome.history])
+        load = np.array([row["load_factor"] for row in outcome.history])
+        errors = [abs(row["ledger_error"]) for row in outcome.history]
+        errors += [np.inf] if (np.diff(opening) < -1e-9 * opening[:-1]).any() or load.min() > fall * load[0] else []
+        lowest, count = load.min() / load[0], int(outcome.history[-1]["broken_bonds"])
+        return f"lowest load {lowest:.3g} of the first break's, {count:,} bonds broken", max(errors)
+
+    return compared(measure, ledger)
+
+
+def adds_up(tolerance: float, shift: float, left: str, right: str) -> Judge:
+    """Forces along y of two rollers that carry a load of 1, each half of it within ``shift``."""
+
+    def measure(scene, outcome, others):
+        a, b = (outcome.history[-1][f"{name}.force_y"] for name in (left, right))
+        return f"forces {a:.6g} and {b:.6g}", abs(a + b - 1.0) if abs(a - b) <= shift else math.inf
+
+    return compared(measure, tolerance)
+
+
 def nothing_moves() -> Judge:
     """No displacement at all."""
 

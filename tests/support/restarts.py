@@ -126,7 +126,7 @@ def outcome(out):
         "balance": summary["balance"],
         "probes": summary["probes"],
     }
-    for name in ("points.vtkhdf", "elements.vtkhdf"):
+    for name in ("points.vtkhdf", "elements.vtkhdf", "body.vtkhdf"):
         if (out / name).exists():
             found[name] = arrays(out / name)
     _, last = list_checkpoints(out / "checkpoints")[0]

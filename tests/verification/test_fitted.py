@@ -2,6 +2,7 @@
 
 import csv
 import re
+from types import SimpleNamespace
 from unittest.mock import patch
 
 import numpy as np
@@ -25,7 +26,7 @@ from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.peridynamics.clusters import cluster_layout
 from pdfem_mpi.peridynamics.fit import equations as bond_factors
 from pdfem_mpi.peridynamics.fit import fit as body_fit
-from pdfem_mpi.runs.prepare import check_scene
+from pdfem_mpi.runs.checking import check_scene
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
@@ -73,7 +74,10 @@ def surface_forces(body, stress):
     part = np.where(d.has_points, d.body, d.counts.bodies + d.material)
     areas = area_vectors(find_boundary(d.mesh, d.nodes, part), len(part))
     if d.has_points.any():
-        on_points, _, _ = d.boundaries.areas_and_slack(False)
+        whole = SimpleNamespace(
+            mesh=d.mesh, nodes=d.nodes, body=d.body, has_points=d.has_points, n_bodies=d.counts.bodies
+        )
+        on_points, _ = compatible_areas(whole, find_boundary(d.mesh, d.nodes, d.body))
         areas[d.has_points] = on_points[d.has_points]
     force = areas @ stress * d.youngs_modulus[:, None, None]
     on_nodes = np.zeros((len(d.nodes), 3))

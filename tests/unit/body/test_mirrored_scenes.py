@@ -18,7 +18,7 @@ from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import build_model
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs import memory_estimate as memory
-from pdfem_mpi.runs.prepare import check_scene
+from pdfem_mpi.runs.checking import check_scene
 from support.bodies import build, local_share, make_scene
 from support.mesh_files import write_mesh
 

@@ -42,7 +42,7 @@ def run(scene, comm, out, deck_text, overwrite, reporter, ways):
     sys.stdout.flush()
     return 75
 
-def check_scene(scene, comm):
+def check_scene(scene, comm, ranks=None):
     return {"cells": str(scene.mesh.n_cells)}
 
 def stand_in(name, **members):
@@ -50,7 +50,8 @@ def stand_in(name, **members):
     vars(stub).update(members)
 
 stand_in("run", run=run)
-stand_in("prepare", check_scene=check_scene, warm_up=lambda *arguments: None)
+stand_in("checking", check_scene=check_scene)
+stand_in("prepare", warm_up=lambda *arguments: None)
 stand_in("start", RunOptions=types.SimpleNamespace, Refused=type("Refused", (Exception,), {}))
 from pdfem_mpi.command.cli import main
 main()

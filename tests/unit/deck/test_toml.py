@@ -480,3 +480,13 @@ def test_dimension_of_a_key(key, dimension):
     text = SOUND + "[materials.steel]\nyoungs_modulus = 2.0e7\n"
     scene = parse_deck(text, "deck.toml", ("regions.bonds.material=steel",))
     assert dimension_of(scene, key) == dimension
+
+
+def test_conjugate_gradients_are_the_default_and_relaxation_is_that_of_a_ramp():
+    assert parse_deck(SOUND, "bar.toml").solver.kind == "cg"
+    ramp = ("material.critical_stretch=0.01", "stepping.kind=ramp", "stepping.increment=1e-4")
+    assert parse_deck(SOUND, "bar.toml", ramp).solver.kind == "adr"
+    assert parse_deck(SOUND, "bar.toml", (*ramp, "solver.tolerance=1e-3")).solver.kind == "adr"
+    assert any("solver.kind" in message for message in problems(SOUND, *ramp, "solver.kind=cg"))
+    messages = problems(SOUND, *ramp, "mesh.spacing=-1")  # a deck with another mistake is not told of a solver too
+    assert len(messages) == 1 and "mesh.spacing" in messages[0]

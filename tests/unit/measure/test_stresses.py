@@ -9,11 +9,15 @@ from pdfem_mpi.measure.stresses import mechanics_of_bonds, mechanics_of_elements
 from pdfem_mpi.measure.tensors import matrices, six_of, trace
 from pdfem_mpi.peridynamics.virial import bond_stresses
 from support.bodies import bond_list, build, make_scene
+from support.failing import STRETCH, failing
+from support.softening import soft_strip
 
 #: Of a uniform state in elements: products of a few numbers.
 ROUND_OFF = 1e-13
 #: Of sums over bonds, whose terms are rounded to 2**-46 of the largest: 500 of them.
 SUMS = 1e-11
+#: What is left of a softened bond is a number of 24 bits here.
+STORED = 1e-6
 LAMBDA = MU = 0.4  # in model units, of E = 1 and nu = 1/4
 GRADIENT = np.array([[1.0, 0.5, -0.25], [0.125, -0.5, 2.0], [-1.0, 0.75, 0.25]])
 
@@ -202,3 +206,23 @@ def test_mean_stress_and_energy_are_those_of_the_forces(kinematics, ratio):
     expected = six_of(-np.einsum("ni,nj->ij", force, y))
     np.testing.assert_allclose(found, expected, rtol=0, atol=SUMS * np.abs(volume[..., None] * stress).sum())
     assert (volume * energy).sum() == pytest.approx(body.forces.stored_energy(u), rel=SUMS)
+
+
+@pytest.mark.parametrize("kinematics", ["linear", "finite"])
+def test_softened_bonds_have_the_part_of_their_stress_that_is_left(kinematics):
+    """As of all bonds: the moment of the forces, and the stored energy; half of the bonds of a strip have softened."""
+    run = failing(soft_strip(kinematics=kinematics, cells=(4, 2, 1), crack=None))
+    body, unknowns = run.body, run.body.model.unknowns
+    u = body.of_positions(lambda x: 4.1 * STRETCH * x * [1.0, 0.0, 0.0])
+    zero = np.zeros_like(u)
+    body.forces.evaluate_surely(u, zero, np.empty_like(zero), run.failure, 0.0)
+    run.failure.close(body.model.comm)
+    assert run.failure.soft > 50
+    force = unknowns.rows(body.internal(u))
+    y = unknowns.rows(body.model.points.x[: len(u)]) + (unknowns.rows(u) if kinematics == "finite" else 0.0)
+    stress, energy = bond_stresses(body.model.comm, body.forces.of_bonds)
+    volume = body.model.points.volume[: len(y)].reshape(-1, 8)
+    expected = six_of(-np.einsum("ni,nj->ij", force, y))
+    found = (volume[..., None] * stress).sum(axis=(0, 1))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=STORED * np.abs(expected).max())
+    assert (volume * energy).sum() == pytest.approx(body.forces.stored_energy(u), rel=STORED)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from pdfem_mpi.deck.opening_probe import OpeningProbe
 from pdfem_mpi.deck.outputs import Output
-from pdfem_mpi.deck.programs import Ramp, Steps
+from pdfem_mpi.deck.programs import Events, Ramp, Steps
 from pdfem_mpi.measure.fields import gather_damage
 from pdfem_mpi.model.model import with_stable_masses
 from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE
@@ -13,7 +14,7 @@ from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.peridynamics.softening_failure import GONE
 from support.bodies import bond_list
 from support.failing import STRETCH, failing, followed, of_bonds, strip
-from support.softening import soft_strip, with_mirrors
+from support.softening import remade, soft_strip, with_mirrors
 
 STORED = 1e-5  # stored numbers have 24 bits, and terms of both signs
 CLOSED, TANGENT_STEPS = 1e-10, 1e-4  # of the work, as in test_events
@@ -243,3 +244,12 @@ def test_brittle_bonds_beside_them_go_at_once():
     run = failing(scene)
     assert pulled(run, 1.5 * STRETCH) == run.failure.count > 0
     assert run.failure.soft == 0
+
+
+def test_opening_control_follows_softening_bonds():
+    """The mouth of an edge crack opens from state to state; the ledger closes."""
+    mouth = OpeningProbe(kind="opening", name="mouth", one=(3.5, 0.0, 0.5), two=(4.5, 0.0, 0.5))
+    events = Events(kind="events", control="opening", opening="mouth", eta=1e-2, inner_iterations=4, report_every=20)
+    run = followed(remade(soft_strip(2.0, **EDGE), probes=(mouth,), stepping=events), 4)
+    assert run.rows[-1].softened > 0 and run.body.state.program["opening"] > 0.0
+    assert max(abs(row.ledger_error) for row in run.rows) <= CLOSED

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.results import vtkhdf
-from pdfem_mpi.results.failure_plots import draw_failure, stages
+from pdfem_mpi.results.failure_plots import _Layer, draw_failure, stages
 
 COLUMNS = (
     "event", "load_factor", "displacement", "reaction", "broken_bonds", "stored_energy", "dissipated_energy",
@@ -50,7 +50,7 @@ def test_the_crack_is_seen(tmp_path):
     draw_failure(run_folder(tmp_path), "", "", "", warn=pytest.fail)
     picture = matplotlib.image.imread(tmp_path / "figures" / "damage.png")[:, :, :3]
     height, width = picture.shape[:2]
-    panel = picture[int(0.2 * height) : int(0.3 * height), int(0.56 * width) : int(0.8 * width)]  # the second of two
+    panel = picture[int(0.46 * height) : int(0.5 * height), int(0.54 * width) : int(0.82 * width)]  # the second of two
     columns = np.flatnonzero((panel.max(axis=2) < 0.15).mean(axis=0) > 0.9)
     assert len(columns) >= 3
     assert np.ptp(columns) < 0.15 * panel.shape[1]
@@ -80,3 +80,14 @@ def test_stages(broken, expected):
     found = stages(broken, len(broken))
     assert found[0] == expected[0] and found[-1] == expected[-1]
     assert set(expected) <= set(found) and len(found) <= 4
+
+
+def test_a_crack_that_the_outside_hides_is_drawn_where_it_is(tmp_path):
+    """In the middle of a cube: the layer through it, across one of the two directions in which it is wide."""
+    corners = np.stack(np.meshgrid(*3 * [np.arange(7.0)], indexing="ij"), axis=-1).reshape(-1, 3)
+    inside = (corners[:, 0] == 3.0) & (np.abs(corners[:, 1:] - 3.0) <= 1.0).all(axis=1)
+    vtkhdf.create_points(tmp_path / "points.vtkhdf", corners)
+    vtkhdf.append_frame(tmp_path / "points.vtkhdf", 1.0, {"damage": np.where(inside, 0.4, 0.0)})
+    layer = _Layer(tmp_path / "points.vtkhdf")
+    assert layer.where in ("y = 2", "y = 3", "y = 4") and len(layer.chosen) == 49
+    assert layer.damage(0).max() == np.float32(0.4)

@@ -17,7 +17,7 @@ from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.model.model import build_model
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs import memory_estimate as memory
-from pdfem_mpi.runs.prepare import check_scene
+from pdfem_mpi.runs.checking import check_scene
 from pdfem_mpi.runs.run import run
 from support.bodies import local_share, make_scene
 from support.helpers import ROOT, run_python
@@ -132,7 +132,7 @@ def test_without_peridynamics_there_are_no_bonds():
     ("deck", "overrides"),
     [
         ("bar_pd.toml", (*HALF_AS_LONG, 'peridynamics.kinematics="finite"')),
-        ("bar_tension.toml", ()),
+        ("bar_tension_relaxed.toml", ()),
     ],
 )
 def test_the_estimate_is_near_what_becomes_resident(deck, overrides):

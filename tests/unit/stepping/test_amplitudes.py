@@ -7,6 +7,7 @@ import pdfem_mpi as pdfem
 from pdfem_mpi.deck.programs import Events, Steps
 from pdfem_mpi.deck.toml import parse_deck
 from support.failing import followed, strip
+from support.softening import soft_strip
 from support.tiny import TINY
 
 #: Of the reaction's and the displacements' secants: equilibria to 1e-10.
@@ -39,6 +40,14 @@ def test_broken_bonds_retrace_the_secant(first, solver):
     np.testing.assert_allclose(secants, secants[0], rtol=SECANT)
     energies = np.array([row.stored / row.load_factor**2 for row in rows if row.load_factor])
     np.testing.assert_allclose(energies, energies[0], rtol=SECANT)
+
+
+def test_softened_bonds_retrace_the_secant():
+    """What has softened keeps what is left of its stiffness on the way down and up again."""
+    rows = followed(soft_strip(tolerance=1e-10, crack=(-1.0, 2.1), stepping=cycle(0.6, 0.2, 0.0, 0.59))).rows
+    assert rows[0].softened > 0 and {row.softened for row in rows} == {rows[0].softened}
+    secants = np.array([row.reaction / row.load_factor for row in rows if row.load_factor])
+    np.testing.assert_allclose(secants, secants[0], rtol=SECANT)
 
 
 def test_further_load_breaks_further_bonds(first):

@@ -119,7 +119,7 @@ def test_mpiexec_serves_where_mpirun_is_missing(beside_python):
 
 
 def test_no_mpirun_is_a_sentence_with_a_remedy(beside_python):
-    with pytest.raises(launch.LaunchError, match=r"-n 2: there is no mpirun .* pip install 'pdfem_mpi\[mpich\]'"):
+    with pytest.raises(launch.LaunchError, match=r"-n 2: there is no mpirun .* pip install mpich"):
         launch.mpirun_command(2)
 
 
