@@ -251,8 +251,8 @@ def counted_bonds(tolerance: float) -> Judge:
     def measure(scene, outcome, others):
         body = reference.make_body(scene)
         i, j, k = reference.bonds(body)
-        across = body.share.region[body.cell[i]] != body.share.region[body.cell[j]]
-        moves = np.array([[s.x, s.y, s.z] for s in scene.supports])[body.share.region[body.cell]]
+        across = body.discretization.region[body.cell[i]] != body.discretization.region[body.cell[j]]
+        moves = np.array([[s.x, s.y, s.z] for s in scene.supports])[body.discretization.region[body.cell]]
         xi, eta = (body.x[j] - body.x[i])[across], (moves[j] - moves[i])[across]
         r = np.linalg.norm(xi, axis=1)
         stretch = (xi * eta).sum(axis=1) / r**2
