@@ -35,7 +35,7 @@ def make_mesh(scene: Scene) -> HexMesh:
         mesh = generators.box(entry.lower, entry.upper, entry.n_cells)
         return carve(mesh, entry.remove, entry.symmetry) if entry.remove else mesh
     mesh, node_number = read_mesh(entry)
-    messages = find_defects(mesh, node_number) + _spacing_problems(scene, mesh)
+    messages = find_defects(mesh, node_number, entry.doubled_nodes == "crack") + _spacing_problems(scene, mesh)
     for face in entry.symmetry:
         messages += mirror_problems(mesh, face)
     for table, entries in (("loads", scene.loads), ("supports", scene.supports)):

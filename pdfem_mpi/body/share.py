@@ -34,6 +34,7 @@ from pdfem_mpi.body.subdomain import (
     split_nodes,
 )
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.mesh.doubled import doubled_faces
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors
 from pdfem_mpi.mesh.part import MeshPart, take_part
@@ -73,13 +74,12 @@ class Share:
         Number of a node among the nodes with unknowns of the whole body; else -1.
     cutoff : float
         Guarded cutoff radius in model units; 0 without peridynamics.
-    mirrors : Mirrors
-        Mirror planes in model units.
-    reflections : two float64 arrays, shape (n, 3)
-        Signs and shifts of those that bring an image within the cutoff radius of the body.
-    counts : Counts
-    typical_edge : float
-        Of cells taken as cubes: the median over the body, model units.
+    mirrors, reflections : Mirrors, two float64 arrays of shape (n, 3)
+        Mirror planes; signs and shifts of reflections that bring an image within the cutoff radius of the body.
+    doubled : float64, shape (n, 4, 3)
+        Faces of the whole mesh that are a crack by their doubled nodes, model units.
+    counts, typical_edge : Counts, float
+        Sizes of the body; edge of cells taken as cubes, the median over the body, model units.
     joint_regions, overlap_regions : int64
         Regions with peridynamic cells that follow nodes, and those with overlap cells; rising.
     quality : Quality
@@ -117,6 +117,7 @@ class Share:
     cutoff: float
     mirrors: Mirrors
     reflections: tuple[np.ndarray, np.ndarray]
+    doubled: np.ndarray
     counts: Counts
     typical_edge: float
     joint_regions: np.ndarray
@@ -248,6 +249,7 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
         cutoff=whole.cutoff,
         mirrors=whole.mirrors,
         reflections=whole.reflections,
+        doubled=_doubled(scene, whole),
         counts=count(whole),
         typical_edge=_typical_edge(whole),
         joint_regions=np.unique(whole.region[whole.is_peridynamic & whole.is_overlap]),
@@ -261,6 +263,13 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
         selections=select_places(scene, whole).part(mesh),
         boundaries=Boundaries.of(scene, whole, mesh),
     )
+
+
+def _doubled(scene: Scene, whole: Discretization) -> np.ndarray:
+    """Faces at one place, where the deck keeps them as a crack, model units; float64, shape (n, 4, 3)."""
+    if getattr(scene.mesh, "doubled_nodes", "refuse") == "refuse":
+        return np.empty((0, 4, 3))
+    return (doubled_faces(whole.mesh)[0] - whole.units.origin) / whole.units.length
 
 
 def _by_places(numbers: Subdomain, mesh: MeshPart) -> Subdomain:

@@ -183,6 +183,9 @@ class FileMesh(_Modelled):
     merge : float or None, > 0, dimension length
         Nodes nearer to each other than this are made one; at most a tenth of the shortest edge. None (default): nodes
         at one place are refused.
+    doubled_nodes : "refuse" or "crack"
+        "crack": faces at one place that share no node stay apart, as a crack between elements, and bonds through them
+        are cut.
     symmetry : faces "x-", "x+", "y-", "y+", "z-", "z+"
         Faces of the mesh's bounding box that are mirror planes; the mesh is then the part of the body between them.
     """
@@ -192,10 +195,14 @@ class FileMesh(_Modelled):
     spacing: float | None = key(None, gt=0, dimension="length")
     scale: float = key(1.0, gt=0, dimension="1")
     merge: float | None = key(None, gt=0, dimension="length")
+    doubled_nodes: Literal["refuse", "crack"] = key("refuse")
 
     def problems(self) -> list[Problem]:
         """A suffix that tells the format."""
         problems = self._symmetry_problems()
+        if self.merge is not None and self.doubled_nodes == "crack":
+            text = f"= {show(self.merge)} makes one of nodes that doubled_nodes = \"crack\" keeps. Keep one of them."
+            problems.append(Problem("merge", text))
         if self.path.lower().endswith(MESH_SUFFIXES):
             return problems
         remedy = f"Give a file that ends in one of {', '.join(MESH_SUFFIXES)}."

@@ -247,6 +247,9 @@ def check_fitted(
                 'surfaces are those of the whole body. Model all of it, or use "virial".',
             )
         )
+    if fitted and getattr(mesh, "doubled_nodes", "refuse") == "crack":
+        why = 'keeps a crack across bonds, and peridynamics.surface_correction = "fitted" takes it for a surface.'
+        problems.append(Problem("mesh.doubled_nodes", f'= "crack" {why} Use "virial".'))
     can_fail = any(entry.can_fail for entry in (material, *materials.values()))
     if fitted and can_fail and peridynamics.signs == "free":
         problems.append(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pdfem_mpi.deck.formulas import formula_problems, names_in
 from pdfem_mpi.deck.materials import Material, all_materials
 from pdfem_mpi.deck.peridynamics import Peridynamics
 from pdfem_mpi.deck.table import Problem, Table, key, show
@@ -16,6 +17,8 @@ class Temperature(Table):
     ----------
     change : float or None, dimension temperature
         The same everywhere.
+    formula : str or None
+        Of ``x``, ``y`` and ``z`` (see ``deck/formulas.py``), evaluated at the points of cells.
     file : str or None
         A .vtu file with temperatures at the nodes of the mesh; relative to the deck.
     field : str
@@ -27,16 +30,24 @@ class Temperature(Table):
     """
 
     change: float | None = key(None, dimension="temperature")
+    formula: str | None = key(None, min_length=1)
     file: str | None = key(None, min_length=1)
     field: str = key("temperature", min_length=1)
     scale: float = key(1.0, gt=0)
     reference: float = key(0.0, dimension="temperature")
 
     def problems(self) -> list[Problem]:
-        """One of change and file."""
-        if (self.change is None) == (self.file is None):
-            has = "neither" if self.change is None else "both"
-            return [Problem("", f"must have either change or file, and has {has}. Keep one.")]
+        """One of change, formula and file."""
+        given = [name for name in ("change", "formula", "file") if getattr(self, name) is not None]
+        if len(given) != 1:
+            has = " and ".join(given) or "none of them"
+            return [Problem("", f"must have exactly one of change, formula and file, and has {has}. Keep one.")]
+        if self.formula is not None:
+            if problems := formula_problems("formula", self.formula):
+                return problems
+            if "f" in names_in(self.formula):
+                text = f"= {show(self.formula)} has f, and the change grows with the load factor by itself. Remove f."
+                return [Problem("formula", text)]
         if self.file is not None and not self.file.lower().endswith(".vtu"):
             return [Problem("file", f"= {show(self.file)} is not a .vtu file. Write the temperatures as one.")]
         if self.file is None and self.reference != 0.0:

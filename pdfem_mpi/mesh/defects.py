@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.mesh.doubled import doubled_faces
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh, equal_rows
 from pdfem_mpi.mesh.quality import measure
 
@@ -25,8 +26,8 @@ PLANE_TOLERANCE = 1e-3
 LISTED = 3
 
 
-def find_defects(mesh: HexMesh, node_number: np.ndarray) -> list[str]:
-    """All defects of a mesh, one sentence each.
+def find_defects(mesh: HexMesh, node_number: np.ndarray, cracked: bool = False) -> list[str]:
+    """All defects of a mesh, one sentence each; where it may be ``cracked``, faces at one place are none.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ def find_defects(mesh: HexMesh, node_number: np.ndarray) -> list[str]:
         mesh = HexMesh(mesh.nodes, mesh.cells[np.sort(first)])
     else:
         messages += _shared_by_many(mesh)
-    return messages + _joints(mesh, node_number)
+    return messages + _joints(mesh, node_number, cracked)
 
 
 def face_problems(mesh: HexMesh, face: str, where: str) -> list[str]:
@@ -130,16 +131,19 @@ def _shared_by_many(mesh: HexMesh) -> list[str]:
     ]
 
 
-def _joints(mesh: HexMesh, node_number: np.ndarray) -> list[str]:
+def _joints(mesh: HexMesh, node_number: np.ndarray, cracked: bool) -> list[str]:
     """Coincident nodes, hanging nodes, and parts that are not joined."""
     messages = []
     pairs = cKDTree(mesh.nodes).query_pairs(mesh.tolerance, output_type="ndarray")
-    if len(pairs):
+    if cracked:
+        messages += _stray_nodes(mesh, node_number)
+    elif len(pairs):
         first = np.unique(pairs.min(axis=1))
         messages.append(
             f"mesh has {len(first)} nodes with another node at the same place (within {mesh.tolerance:.2g}), the first "
             f"{_nodes(mesh, node_number, first)}. Merge them by mesh.merge = LENGTH in the deck, or in Gmsh by "
-            "geometry.removeAllDuplicates() or Coherence Mesh; cracks are cut by [[cracks]]."
+            "geometry.removeAllDuplicates() or Coherence Mesh; cracks are cut by [[cracks]], or kept by "
+            'mesh.doubled_nodes = "crack".'
         )
     hanging = _hanging_nodes(mesh)
     if len(hanging):
@@ -157,6 +161,20 @@ def _joints(mesh: HexMesh, node_number: np.ndarray) -> list[str]:
             f"{' and more' if n_parts > LISTED else ''} cells, which begin with {places}. Join them, or keep one."
         )
     return messages
+
+
+def _stray_nodes(mesh: HexMesh, node_number: np.ndarray) -> list[str]:
+    """A sentence about nodes at one place that belong to no crack."""
+    faces, stray = doubled_faces(mesh)
+    if not len(faces) and not len(stray):
+        why = 'mesh.doubled_nodes = "crack" finds none: no two nodes are at one place.'
+        return [f"{why} Remove it, or cut by [[cracks]]."]
+    if not len(stray):
+        return []
+    return [
+        f'mesh.doubled_nodes = "crack": {len(stray)} nodes have another node at their place and no face with another '
+        f"face at its place, the first {_nodes(mesh, node_number, stray)}: that is no crack. Merge them in the mesh."
+    ]
 
 
 def _parts(mesh: HexMesh) -> tuple[int, np.ndarray]:

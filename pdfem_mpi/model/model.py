@@ -19,7 +19,7 @@ from pdfem_mpi.mesh.mirrors import Mirrors
 from pdfem_mpi.model.masses import make_masses
 from pdfem_mpi.model.unknowns import Unknowns
 from pdfem_mpi.peridynamics.bonds import Bonds
-from pdfem_mpi.peridynamics.cracks import cut_crack
+from pdfem_mpi.peridynamics.cracks import cut_crack, cut_faces
 from pdfem_mpi.peridynamics.damage import family_weights
 from pdfem_mpi.peridynamics.fit.fit import BodyFit
 from pdfem_mpi.peridynamics.fracture_energy import energy_of_own_bonds
@@ -146,6 +146,7 @@ def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, .
         if scene.can_fail:
             own_energy = energy_of_own_bonds(comm, scene, share, points, bonds)
         cut = [cut_crack(share, comm, points, bonds, crack) for crack in scene.cracks]
+        cut_faces(share, points, bonds)
     if counts.node_cells:
         nodes = make_nodes(share, comm)
         local = local_nodes(share)

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.body.temperatures import thermal_strains
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.finite_elements.nodes import assemble, local_nodes
 from pdfem_mpi.finite_elements.thermal_forces import element_forces
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
 from pdfem_mpi.model.model import Model
+from pdfem_mpi.model.temperatures import thermal_strains
 from pdfem_mpi.peridynamics.clusters import cluster_layout
 from pdfem_mpi.peridynamics.thermal_bonds import thermal_bond_forces, thermal_dilatations
 

@@ -10,6 +10,7 @@ from pdfem_mpi.deck.peridynamics import polygon_normal
 from pdfem_mpi.kernels.bond_cuts import cut_rows
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.bonds import Bonds
+from pdfem_mpi.peridynamics.clusters import by_component
 from pdfem_mpi.peridynamics.points import Points
 
 
@@ -28,6 +29,25 @@ def cut_crack(share: Share, comm, points: Points, bonds: Bonds, crack: AnyCrack)
     return cut
 
 
+def cut_faces(share: Share, points: Points, bonds: Bonds) -> None:
+    """Cut the bonds of this rank that cross a face of the mesh's own crack, or its image, each as two triangles."""
+    if not len(share.doubled) or not points.n_clusters:
+        return
+    x = by_component(points.x)
+    low, high = x.min(axis=(0, 2)), x.max(axis=(0, 2))
+    for face in share.doubled:
+        box = np.array([face.min(axis=0), face.max(axis=0)])
+        body = np.array([low, high])
+        images = [(np.ones(3), np.zeros(3)), *zip(*share.mirrors.reflections(box, body), strict=True)]
+        for sign, shift in images:
+            corners = sign * face + shift
+            if (corners.max(axis=0) < low).any() or (corners.min(axis=0) > high).any():
+                continue
+            for triangle in (corners[[0, 1, 2]], corners[[0, 2, 3]]):
+                normal = np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
+                _cut(points, bonds, np.ascontiguousarray(triangle), normal / np.sqrt(normal @ normal))
+
+
 def cut_bonds(comm, points: Points, bonds: Bonds, polygon: np.ndarray, normal: np.ndarray) -> int:
     """Cut the bonds that cross a plane polygon. Collective.
 
@@ -41,8 +61,12 @@ def cut_bonds(comm, points: Points, bonds: Bonds, polygon: np.ndarray, normal: n
     int
         Bonds cut on all ranks.
     """
+    return int(sum_integers(comm, np.array([_cut(points, bonds, polygon, normal)]))[0])
+
+
+def _cut(points: Points, bonds: Bonds, polygon: np.ndarray, normal: np.ndarray) -> int:
+    """Cut this rank's bonds; how many."""
     across, up = np.sort(np.argsort(np.abs(normal), kind="stable")[:2])
-    cut = sum(
+    return sum(
         cut_rows(*rows.arrays, points.x, polygon, normal, int(across), int(up), bonds.finite) for rows in bonds.rows
     )
-    return int(sum_integers(comm, np.array([cut]))[0])

@@ -241,7 +241,6 @@ def take_over(start: RestartPoint, folder: Path) -> None:
 
 def origin_of(scene: Scene, share: Share) -> dict[str, Any]:
     """What a header says of the program, the computer and the scene."""
-
     keys = identity(scene, share)
     return {
         "program": "pdfem_mpi",

@@ -75,12 +75,12 @@ def rate_between(shorter: Simulation, longer: Simulation, probe: EnergyReleasePr
 def potential(simulation: Simulation) -> float:
     """Stored energy less the work of constant forces at the state, model units. Collective."""
     simulation.evaluate()
-    u, load_factor = simulation.state.u, simulation.state.load_factor
+    u, forces = simulation.state.u, simulation.case.forces(simulation.state.load_factor)
     before = simulation.forces.evaluations
     stored = simulation.forces.stored_energy(u)
     simulation.forces.evaluations = before
-    (work,) = exact_dots(simulation.comm, [(simulation.case.external, u)])
-    return stored - load_factor * float(work)
+    (work,) = exact_dots(simulation.comm, [(forces, u)])
+    return stored - float(work)
 
 
 def _extension(simulation: Simulation, probe: EnergyReleaseProbe) -> float:

@@ -30,6 +30,7 @@ HELD_NOW = (
 #: Tables, keys and defaults that came later than the first checkpoints: they say what these mean.
 NEWER_DEFAULTS = (
     ("mesh", "remove", []),
+    ("mesh", "doubled_nodes", "refuse"),
     ("cracks", "kind", "polygon"),
     ("supports", "of", "cells"),
     ("loads", "constant", False),

@@ -52,7 +52,7 @@ def features_of(scene: Scene) -> frozenset[str]:
         "correction": bonds and settings.surface_correction in ("appendix_a", "virial"),
         "fitted": bonds and settings.surface_correction == "fitted",
         "noise": settings.stiffness_noise > 0.0,
-        "cracks": bool(scene.cracks),
+        "cracks": bool(scene.cracks) or getattr(scene.mesh, "doubled_nodes", "") == "crack",
         "gaps": bonds and bool(getattr(scene.mesh, "remove", ())),
         "damage": scene.output.has_damage,
         "stresses": bonds and bool(scene.output.mechanical),

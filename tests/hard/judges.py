@@ -58,7 +58,7 @@ def _largest(difference: np.ndarray, of: np.ndarray) -> float:
 def _fields(scene: Scene, outcome: Outcome):
     """Positions and displacements of what the scene has: points, then nodes."""
     body = reference.make_body(scene)
-    nodes = body.share.mesh.nodes[body.share.node_row >= 0]
+    nodes = body.discretization.mesh.nodes[body.discretization.node_row >= 0]
     pairs = [(body.x, outcome.points), (nodes, outcome.nodes)]
     found = [(x, u) for x, u in pairs if len(x)]
     return np.concatenate([x for x, _ in found]), np.concatenate([u for _, u in found])
@@ -251,8 +251,8 @@ def counted_bonds(tolerance: float) -> Judge:
     def measure(scene, outcome, others):
         body = reference.make_body(scene)
         i, j, k = reference.bonds(body)
-        across = body.share.region[body.cell[i]] != body.share.region[body.cell[j]]
-        moves = np.array([[s.x, s.y, s.z] for s in scene.supports])[body.share.region[body.cell]]
+        across = body.discretization.region[body.cell[i]] != body.discretization.region[body.cell[j]]
+        moves = np.array([[s.x, s.y, s.z] for s in scene.supports])[body.discretization.region[body.cell]]
         xi, eta = (body.x[j] - body.x[i])[across], (moves[j] - moves[i])[across]
         r = np.linalg.norm(xi, axis=1)
         stretch = (xi * eta).sum(axis=1) / r**2

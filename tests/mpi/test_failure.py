@@ -9,7 +9,7 @@ from pdfem_mpi.body import share as share_module
 from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.parallel.comm import mpi
 from support.bodies import build
-from support.failing import DEAD, chipped, failing, followed, numbers, of_bonds, strip
+from support.failing import DEAD, GRIPS, WEIGHT, chipped, failing, followed, numbers, of_bonds, opened, strip
 from support.helpers import assert_all
 
 pytestmark = pytest.mark.mpi(min_size=2)
@@ -20,6 +20,8 @@ SCENES = {
     "events, elements": ({"elements": 2}, 12),
     "events, finite": ({"kinematics": "finite"}, 12),
     "events, energy": ({"control": "energy", "report_every": 1}, 12),
+    "events, opening": ({"make": opened}, 12),
+    "events, opening, constant": ({"make": opened, "loads": (WEIGHT,), "supports": GRIPS}, 8),
     "events, dead loads": ({"loads": DEAD, "supports": ()}, None),
     "events, chip": ({"make": chipped, "report_every": 1}, 16),
     "events, noise": ({"noise": 0.05, "seed": 3}, 12),

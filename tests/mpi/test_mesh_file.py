@@ -28,9 +28,12 @@ def scene_of(path):
 
 def test_rank_0_reads_and_all_have_the_mesh(comm):
     """With the named sets, and no other rank opens the file."""
-    with patch.object(preparing, "make_mesh", wraps=preparing.make_mesh) as reading:
-        share, _ = preparing.prepare(scene_of(ROOT / "jobs" / "meshes" / "plate_with_hole.msh"), comm)
-    mesh = share.mesh
+    with (
+        patch.object(preparing, "make_mesh", wraps=preparing.make_mesh) as reading,
+        patch.object(preparing, "share_of", wraps=preparing.share_of) as cutting,
+    ):
+        preparing.prepare(scene_of(ROOT / "jobs" / "meshes" / "plate_with_hole.msh"), comm)
+    mesh = cutting.call_args.args[2]
     digests = comm.allgather((mesh.sha256(), len(mesh.cells), sorted(mesh.cell_sets)))
     assert_all(comm, reading.call_count == (comm.rank == 0), "only rank 0 reads")
     assert_all(comm, all(digest == digests[0] for digest in digests) and digests[0][1] == 600, digests)

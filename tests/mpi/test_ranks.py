@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.body import share as share_module
-from pdfem_mpi.deck.loads import BodyForce, Support
+from pdfem_mpi.deck.loads import BodyForce, Force, Pressure, Support, Traction
 from pdfem_mpi.deck.materials import Interface, Material
 from pdfem_mpi.deck.meshes import BoxMesh
 from pdfem_mpi.deck.peridynamics import Coupling, Crack
@@ -137,6 +137,21 @@ SCENES |= {
         cracks=(Crack(polygon=((2.9, -1.0, -1.0), (2.9, 1.2, -1.0), (2.9, 1.2, 3.0), (2.9, -1.0, 3.0))),),
     ),
     "slab of one cell between two mirrors": partial(make_scene, (7, 4, 1), 3, symmetry=("z-", "z+")),
+    "rollers, a pin, a pressure and formulas": partial(
+        make_scene,
+        (9, 3, 2),
+        4,
+        loads=(
+            Force(kind="force", line=((5.0, 3.0, 0.0), (5.0, 3.0, 2.0)), total=(0.0, -1.0, 0.0)),
+            Pressure(kind="pressure", face="z+", pressure=0.1),
+            Traction(kind="traction", lower=(9.0, 0.0, 0.0), upper=(9.0, 2.0, 2.0), traction=(0.3, 0.1, 0.0)),
+        ),
+        supports=(
+            Support(line=((1.0, 0.0, 0.0), (1.0, 0.0, 2.0)), x=0.0, y="1e-3 * sin(z)"),
+            Support(line=((8.0, 0.0, 0.0), (8.0, 0.0, 2.0)), y=0.0),
+            Support(face="z-", z="1e-3 * x * y"),
+        ),
+    ),
     "notched half": partial(
         make_scene,
         (7, 4, 2),
@@ -166,6 +181,7 @@ TO_EQUILIBRIUM = (
     ("coupled eighth, finite", "cg"),
     ("slab of one cell between two mirrors", "cg"),
     ("notched half", "cg"),
+    ("rollers, a pin, a pressure and formulas", "cg"),
 )
 
 

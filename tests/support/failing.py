@@ -10,6 +10,7 @@ import numpy as np
 from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.meshes import BoxMesh
+from pdfem_mpi.deck.opening_probe import OpeningProbe
 from pdfem_mpi.deck.peridynamics import Crack, Peridynamics
 from pdfem_mpi.deck.programs import Events, Solver
 from pdfem_mpi.deck.regions import Region
@@ -31,6 +32,9 @@ DEAD = tuple(
 
 #: A chip on the upper edge between two cracks, on a neck of .8 cells, and a load that tears it off.
 CHIP = (BodyForce(kind="body_force", lower=(3.0, 5.0, 0.0), upper=(5.0, 6.0, 1.0), total=(0.0, 30.0, 0.0)),)
+#: Self-weight of a strip that is held at one end and guided at the other.
+WEIGHT = BodyForce(kind="body_force", lower=(0.0, 0.0, 0.0), density=(0.0, -0.04, 0.0), constant=True)
+GRIPS = (Support(face="x-", x=0.0, y=0.0, z=0.0), Support(face="x+", x=0.02, y=0.0))
 GUIDED = tuple(Support(face=face, x=x, y=0.0, z=0.0) for face, x in (("x-", -0.01), ("x+", 0.01)))
 
 
@@ -99,6 +103,15 @@ def strip(
         solver=Solver(kind=solver, tolerance=tolerance),
         stepping=Events(kind="events", **options) if stepping is None else stepping,
     )
+
+
+def opened(control="opening", loads=(), **options):
+    """A strip with a crack from its lower edge whose mouth has a probe; its load follows the opening."""
+    scene = strip(crack=EDGE, loads=loads, **options)
+    probe = OpeningProbe(kind="opening", name="cmod", one=(3.5, 0.0, 0.5), two=(4.5, 0.0, 0.5))
+    name = "cmod" if control == "opening" else None
+    events = Events(kind="events", control=control, report_every=1, end_reaction=0.5, opening=name)
+    return Scene.model_validate({**dict(scene), "stepping": events, "probes": (probe,)})
 
 
 @dataclass

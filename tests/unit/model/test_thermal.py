@@ -161,10 +161,23 @@ def test_a_file_of_equal_temperatures_is_a_constant_change(tmp_path):
     assert curvature == pytest.approx(-0.5 * ALPHA * CHANGE, rel=0.1)  # elements in bending are stiff
 
 
+def test_a_formula_is_the_field_of_its_values(tmp_path):
+    """A temperature that is linear in z, by a formula and by nodes."""
+    nodes = pdfem.Simulation(parse_deck(deck("coupled, paper"), "bar.toml")).share.mesh.nodes
+    write_vtu(tmp_path / "t.vtu", nodes, 20.0 + CHANGE * (nodes[:, 2] - 1.0))
+    _, expected = solved(deck("coupled, paper", temperature=from_file(tmp_path / "t.vtu")))
+    _, found = solved(deck("coupled, paper", temperature=f'formula = "{CHANGE} * (z - 1)"'))
+    np.testing.assert_allclose(found.u_nodes, expected.u_nodes, rtol=0, atol=1e-9 * np.abs(expected.u_nodes).max())
+    with pytest.raises(pdfem.SceneError, match="is not finite at"):
+        pdfem.Simulation(parse_deck(deck("elements", temperature='formula = "log(x - 3)"'), "bar.toml"))
+
+
 @pytest.mark.parametrize(
     ("temperature", "sentence"),
     [
-        ("", "temperature must have either change or file, and has neither"),
+        ("", "temperature must have exactly one of change, formula and file, and has none"),
+        ('formula = "20 * q"', "temperature.formula"),
+        ('formula = "20 * f"', "has f, and the change grows with the load factor by itself"),
         ('file = "a.txt"', "is not a .vtu file"),
         ("change = 1.0\nreference = 3.0", "temperature.reference = 3.0 is subtracted from a file's temperatures"),
     ],

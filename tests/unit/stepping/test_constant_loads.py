@@ -3,19 +3,16 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.loads import BodyForce, Support
+from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.outputs import OpeningProbe
 from pdfem_mpi.deck.programs import Events, Ramp, Solver, Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.solvers.convergence import NotConverged
-from support.failing import EDGE, failing, followed, strip
+from support.failing import EDGE, GRIPS, WEIGHT, failing, followed, strip
 
 CLOSED = 1e-10  # of the work
 SUPERPOSED = 1e-8  # relative, of the load of the first break
-#: Self-weight along y of a strip that is held at one end and pulled at the other.
-WEIGHT = BodyForce(kind="body_force", lower=(0.0, 0.0, 0.0), density=(0.0, -0.04, 0.0), constant=True)
-GRIPS = (Support(face="x-", x=0.0, y=0.0, z=0.0), Support(face="x+", x=0.02, y=0.0))
 PROBE = OpeningProbe(kind="opening", name="cmod", one=(3.5, 0.0, 0.5), two=(4.5, 0.0, 0.5))
 
 

@@ -11,13 +11,15 @@ from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.model.gauges import gauge_of
 from pdfem_mpi.solvers.convergence import NotConverged
 from support.bodies import build
-from support.failing import failing, strip
+from support.failing import GRIPS, WEIGHT, failing, opened, strip
+from support.restarts import StopAt, alone, differing, outcome
 
 CLOSED = 1e-10  # of the work; 1e-14 is found
 #: Load factors of one state that two programs come to by different ways: each reads it once a tenfold smaller residual
 #: moves it by at most 5e-4 (`arrest.MOST_DRIFT`); 1e-5 is found.
 SAME_STATE = 1e-4
 CELLS = (10, 3, 1)
+STOPPED = 75  # exit code
 MOUTH = {"one": (4.5, 0.0, 0.5), "two": (5.5, 0.0, 0.5)}
 
 
@@ -144,6 +146,17 @@ def test_a_deck_that_does_not_say_which_opening_is_refused(options, says):
 def test_two_points_at_one_place_are_refused():
     with pytest.raises(ValueError, match="an opening across nothing"):
         OpeningProbe(kind="opening", name="cmod", one=(1.0, 2.0, 3.0), two=(1.0, 2.0, 3.0))
+
+
+def test_stops_change_nothing(tmp_path):
+    """Beside a constant load: history and fields of a run in pieces are those of a straight one, in every bit."""
+    scene = opened(loads=(WEIGHT,), supports=GRIPS)
+    assert alone(scene, tmp_path / "straight") == 0
+    stops = 0
+    while (code := alone(scene, tmp_path / "pieces", requests=StopAt(9))) == STOPPED:
+        stops += 1
+    assert code == 0 and stops >= 2
+    assert not differing(outcome(tmp_path / "pieces"), outcome(tmp_path / "straight"))
 
 
 def test_other_controls_keep_their_numbers():

@@ -58,17 +58,25 @@ def surface_areas(x):
     return 0.25 * EDGE**2 * (high.astype(float) - low)
 
 
+def factors(bonds, base):
+    """Factors over bonds without correction, shape (n,); bonds whose factor is 0 are not listed."""
+    number = [found.points @ (8 * np.prod(CELLS), 1) for found in (bonds, base)]
+    place, factor = np.searchsorted(number[1], number[0]), np.zeros(len(base.points))
+    factor[place] = bonds.stiffness / base.stiffness[place]
+    return factor
+
+
 def draw_factors(path):
     """Histogram of the factors over all bonds of the block, for both signs."""
-    base = body("none").bonds().stiffness
+    base = body("none").bonds()
     figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
     for signs in ("free", "bounded"):
-        factor = body("fitted", signs).bonds().stiffness / base
+        factor = factors(body("fitted", signs).bonds(), base)
         colour, label = STYLE[signs]
         axes.hist(factor, np.linspace(-2.0, 14.0, 161), histtype="step", log=True, color=colour, label=label)
     axes.set_xlabel("strength of a bond, over that without correction")
     axes.set_ylabel("bonds")
-    axes.set_title(f"{' x '.join(map(str, CELLS))} cells, {len(base):,} bonds", fontsize="medium")
+    axes.set_title(f"{' x '.join(map(str, CELLS))} cells, {len(base.points):,} bonds", fontsize="medium")
     axes.legend(frameon=False)
     figure.savefig(path / "fitted_factors.svg", metadata={"Date": None})
     plt.close(figure)

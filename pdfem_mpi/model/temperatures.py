@@ -9,11 +9,12 @@ import numpy as np
 from pdfem_mpi.body.materials import materials_of
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.deck.table import SceneError, show
 from pdfem_mpi.deck.temperatures import Temperature
-from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
+from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_positions
 from pdfem_mpi.mesh.nodal_fields import read_nodal_field
-from pdfem_mpi.parallel.comm import agree
+from pdfem_mpi.model.formula_values import evaluate
+from pdfem_mpi.parallel.comm import agree, sum_integers
 from pdfem_mpi.parallel.slabs import gather_rows, scatter_slabs
 
 
@@ -37,12 +38,27 @@ def thermal_strains(scene: Scene, share: Share) -> Callable[[np.ndarray], np.nda
     nodal = _nodal_changes(table, share) if table.file is not None else None
 
     def of(cells: np.ndarray) -> np.ndarray:
-        change = np.full((len(cells), 8), 0.0 if table.change is None else table.change)
+        corners = share.mesh.cells[cells]
+        change = np.full((len(cells), 8), table.change or 0.0)
+        if table.formula is not None:
+            x, y, z = np.moveaxis(gauss_positions(share.mesh.nodes[corners]), -1, 0)
+            change += evaluate(table.formula, {"x": x, "y": y, "z": z})
         for a in range(8 if nodal is not None else 0):
-            change += SHAPE_AT_GAUSS[:, a] * nodal[share.mesh.cells[cells, a]][:, None]
+            change += SHAPE_AT_GAUSS[:, a] * nodal[corners[:, a]][:, None]
         return expansion[share.material[cells]][:, None] * change
 
+    if table.formula is not None:
+        _refuse_infinite(table.formula, of(np.flatnonzero(share.is_owned)), share)
     return of
+
+
+def _refuse_infinite(formula: str, strains: np.ndarray, share: Share) -> None:
+    """A formula must have a value everywhere. Collective."""
+    count = int(sum_integers(share.comm, np.array([np.count_nonzero(~np.isfinite(strains))]))[0])
+    if count:
+        raise SceneError(
+            [f"temperature.formula = {show(formula)} is not finite at {count} points. Change it, or leave them out."]
+        )
 
 
 def _nodal_changes(table: Temperature, share: Share) -> np.ndarray:
