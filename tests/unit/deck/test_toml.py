@@ -400,7 +400,8 @@ def test_checks_of_a_bad_plate_go_on():
 
 def test_load_without_kind():
     message = only(text=without('kind = "traction"\n'))
-    assert message == 'bar.toml: loads.1 has no kind. Give kind = "body_force" or kind = "traction".'
+    kinds = " or ".join(f'kind = "{kind}"' for kind in ("body_force", "traction", "pressure", "force"))
+    assert message == f"bar.toml: loads.1 has no kind. Give {kinds}."
 
 
 def test_nothing_that_moves():

@@ -12,7 +12,7 @@ def make_line(factor_x=1.0, factor_y=1.0):
 
 
 def test_runs_are_those_of_the_four_kinds_of_bonds_and_two_spacings_of_elements():
-    scenes = [member.scene for item in plate.make_series(full=True) for member in item.members()[1]]
+    scenes = [member.scene for item in plate.make_series(full=True) for member in item.members()]
     assert [scene.mesh.spacing for scene in scenes] == [0.05, 0.025, 0.05, 0.05, 0.05, 0.05]
     bonds = [scene for scene in scenes if scene.regions[0].model == "peridynamics" or len(scene.regions) > 1]
     kinds = [(s.coupling.kind if len(s.regions) > 1 else None, s.peridynamics.surface_correction) for s in bonds]
@@ -20,7 +20,7 @@ def test_runs_are_those_of_the_four_kinds_of_bonds_and_two_spacings_of_elements(
     # fitted bonds are pulled by tractions; where nothing is fitted, by what the paper prints
     assert [s.loads[0].kind for s in bonds] == ["traction", "traction", "body_force", "traction"]
     assert {s.loads[0].total for s in bonds} == {(6000.0, 0.0, 0.0)}
-    coarse = [member.scene.mesh.spacing for item in plate.make_series(full=False) for member in item.members()[1]]
+    coarse = [member.scene.mesh.spacing for item in plate.make_series(full=False) for member in item.members()]
     assert coarse == [0.1, 0.05, 0.1, 0.1, 0.1, 0.1]
 
 

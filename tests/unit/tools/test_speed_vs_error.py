@@ -137,9 +137,9 @@ def test_names_and_identities_tell_modes_apart(monkeypatch):
     cases = [case, fitted, replace(fitted, signs="bounded"), replace(fitted, fit="found")]
     assert len({case.name for case in cases}) == len({study.identity(case, 2) for case in cases}) == 4
     before = [study.identity(each, 2) for each in cases]
-    monkeypatch.setattr("pdfem_mpi.peridynamics.fit.fit.VERSION", -1)  # the fit gives other numbers
+    monkeypatch.setattr(study, "__version__", "another")
     after = [study.identity(each, 2) for each in cases]
-    assert [old == new for old, new in zip(before, after, strict=True)] == [True, False, False, False]
+    assert not set(before) & set(after)
 
 
 class Runs:

@@ -31,7 +31,7 @@ CASES = (
     ("and damage", "bar_pd.toml", FINITE | BREAKING | {"output.fields": "true", "output.damage": "true"}),
 )
 GROUPS = {
-    "bonds": ("bond_rows", "bond_strengths", "bond_lengths", "bond_counts", "fitted_factors"),
+    "bonds": ("bond_rows", "bond_strengths", "bond_lengths", "dilatations", "bond_counts", "fitted_factors"),
     "breaking": ("break_check", "break_records", "broken_bonds", "damage_weights"),
     "mesh and places": (
         "mesh", "share_of_the_rank", "exchange", "mirror_images", "points", "nodes", "elements",
