@@ -393,5 +393,5 @@ def test_defaults_are_those_of_the_theory():
     assert Events(kind="events").model_dump() == {
         "kind": "events", "eta": 1e-3, "inner_iterations": 8, "arrest_tolerance": 1e-3, "end_load_factor": None,
         "end_reaction": 0.05, "control": "load", "report_every": 10, "tooth_ratio": None, "times": None,
-        "load_factors": None,
+        "load_factors": None, "opening": None, "end_opening": None,
     }  # fmt: skip
