@@ -240,7 +240,8 @@ def study(
         if refine is None and not vary:
             raise studies.StudyError(["study: give --vary KEY=V1,V2, or --refine 3 for cells h, h/2, h/4."])
         if refine is not None:
-            vary = [studies.vary_cells(deck, refine, overrides), *vary]
+            cells, overrides = studies.vary_cells(deck, refine, overrides)
+            vary = [cells, *vary]
         if ranks is not None and ranks > 1:
             launch.mpirun_command(ranks)  # a missing launcher is reported once, not by every member
         axes, members = studies.prepare(deck, vary, overrides, folder, overwrite)

@@ -92,7 +92,7 @@ def _launcher(problems: list[str]) -> str:
         saw = f"worlds of {', '.join(sizes)} ranks" if sizes else f"no answer ({reason})"
         problems.append(
             f"{command[0]} -n 2 gave {saw} instead of one world of 2: it does not belong to the MPI library. "
-            "Make a fresh environment with one of the extras: pip install -e \".[mpich]\"."
+            'Make a fresh environment with one of the extras: pip install -e ".[mpich]".'
         )
         return f"{command[0]} does not match"
     return f"{command[0]} matches: 2 ranks started in {time.perf_counter() - start:.2f} s"

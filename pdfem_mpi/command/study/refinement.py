@@ -23,6 +23,7 @@ FEWEST, MOST = 2, 5
 #: Orders of convergence between which an extrapolation is believed, and what its correction is then multiplied by;
 #: elsewhere the largest difference between the levels is taken, three times (Eca & Hoekstra 2014).
 ORDERS, SAFE, UNSAFE = (0.5, 2.5), 1.25, 3.0
+SPACING = "mesh.spacing"
 #: What is told of bodies that fail, before what probes measured.
 OF_FAILURE = ("failure.peak.load", "failure.first_break.load")
 
@@ -43,8 +44,9 @@ class Limit:
     order: float | None
 
 
-def vary_cells(deck: Path, levels: int, overrides: Sequence[str]) -> str:
-    """The axis ``mesh.spacing=h,h/2,...`` of a deck, as ``--vary`` takes it.
+def vary_cells(deck: Path, levels: int, overrides: Sequence[str]) -> tuple[str, list[str]]:
+    """The axis ``mesh.spacing=h,h/2,...`` of a deck, as ``--vary`` takes it, and the overrides that are left beside it:
+    one of the spacing says what h is.
 
     Raises
     ------
@@ -60,7 +62,8 @@ def vary_cells(deck: Path, levels: int, overrides: Sequence[str]) -> str:
         raise StudyError(
             ['--refine: mesh.kind = "file" has its cells in a file. Give finer files: --vary mesh.path=COARSE,FINE.']
         )
-    return "mesh.spacing=" + ",".join(repr(scene.mesh.spacing / 2**k) for k in range(levels))
+    axis = f"{SPACING}=" + ",".join(repr(scene.mesh.spacing / 2**k) for k in range(levels))
+    return axis, [text for text in overrides if text.partition("=")[0].strip() != SPACING]
 
 
 def limit_of(values: Sequence[float]) -> Limit:

@@ -31,7 +31,8 @@ from pdfem_mpi.peridynamics.fit.iterations import solve
 from pdfem_mpi.peridynamics.points import Points
 from pdfem_mpi.peridynamics.volumetric import SHEAR
 
-#: A fit ends at this residual, relative to that of the start, or after so many iterations.
+#: A fit ends at this residual, relative to that of the start, or after so many iterations: in long bodies it waits for
+#: motions that bend them.
 TOLERANCE, MOST_ITERATIONS = 1e-9, 3000
 #: Added to the diagonals of the blocks, relative: a point whose bonds lie in a plane determines less than nine numbers.
 PIN = 1e-9
@@ -80,7 +81,8 @@ def fit_dilatation(
         first = turn == 0
         reduction, most = (TOLERANCE, MOST_ITERATIONS) if first else (REFINEMENT, MOST_REFINEMENTS)
         before = system.products
-        v, reached = solve(comm, system.multiply, system.precondition, goal - system.sums(), reduction, most)
+        miss = goal - system.sums()
+        v, reached = solve(comm, system.multiply, system.precondition, miss, reduction, most, stalled=most)
         iterations += system.products - before if first else 0
         if not first and not reached <= LEAST_REFINEMENT:
             break

@@ -23,6 +23,7 @@ def solve(
     right: np.ndarray,
     reduction: float,
     most: int,
+    stalled: int = STALLED,
 ) -> tuple[np.ndarray, float]:
     """Preconditioned conjugate gradients from 0, with exact dot products. Collective.
 
@@ -33,8 +34,8 @@ def solve(
     right : float64, shape (n_clusters, 10, 4)
     reduction : float
         Of the residual's norm, at which the solve ends.
-    most : int
-        Iterations.
+    most, stalled : int
+        Iterations; and those without half of the residual after which the solve ends.
 
     Returns
     -------
@@ -49,7 +50,7 @@ def solve(
     square, iterations = first, 0
     best, best_x = first, x.copy()
     halved, since = first, 0
-    while iterations < most and reduction**2 * first < square < DRIFT**2 * best and iterations - since < STALLED:
+    while iterations < most and reduction**2 * first < square < DRIFT**2 * best and iterations - since < stalled:
         w = multiply(p, size_of(comm, p))
         (curvature,) = exact_dots(comm, [(p, w)])
         if not curvature > 0.0:

@@ -29,8 +29,8 @@ def test_results_without_an_order_stand(values):
 
 
 def test_levels_halve_the_cells():
-    text = vary_cells(DECK, 3, ["mesh.spacing=0.2"])
-    assert text == "mesh.spacing=0.2,0.1,0.05"
+    text, left = vary_cells(DECK, 3, ["mesh.spacing=0.2", "output.figures=false"])
+    assert text == "mesh.spacing=0.2,0.1,0.05" and left == ["output.figures=false"]
     assert len(make_members(DECK, parse_axes([text]))) == 3
 
 
@@ -47,7 +47,7 @@ def test_cells_of_a_file_are_refused():
 
 def test_each_level_and_the_limits_are_told(monkeypatch, tmp_path):
     """Peaks first, then probes; sweeps, seconds and memory of each level; nothing while a level is missing."""
-    members = make_members(DECK, parse_axes([vary_cells(DECK, 3, ["mesh.spacing=0.2"])]))
+    members = make_members(DECK, parse_axes([vary_cells(DECK, 3, ["mesh.spacing=0.2"])[0]]))
 
     def outcome(folder, member):
         h = member.scene.mesh.spacing
