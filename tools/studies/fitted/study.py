@@ -52,10 +52,17 @@ def body(correction, signs="free"):
 
 
 def surface_areas(x):
-    """Area vectors of the points: a quarter of a cell's face for each point beside it, shape (n_points, 3)."""
-    depth = (0.5 - 0.5 / np.sqrt(3.0)) * EDGE  # of the outermost points
-    low, high = np.abs(x - depth) < 1e-6, np.abs(x - CELLS + depth) < 1e-6
-    return 0.25 * EDGE**2 * (high.astype(float) - low)
+    """Area vectors of the points, shape (n_points, 3): what a traction on a face does to displacements there.
+
+    These are extrapolated to the face from the two layers of points of the cell beside it, so that a quarter of the
+    face counts (1 + sqrt 3) / 2 times at each outer point, and (1 - sqrt 3) / 2 times at each inner one.
+    """
+    area = np.zeros_like(x)
+    for share, sign in ((0.5 + 0.5 * np.sqrt(3.0), -1.0), (0.5 - 0.5 * np.sqrt(3.0), 1.0)):
+        depth = (0.5 + sign * 0.5 / np.sqrt(3.0)) * EDGE
+        low, high = np.abs(x - depth) < 1e-6, np.abs(x - CELLS + depth) < 1e-6
+        area += 0.25 * EDGE**2 * share * (high.astype(float) - low)
+    return area
 
 
 def factors(bonds, base):
