@@ -24,7 +24,6 @@ COARSE = {
                           "checkpoint.steps=5"),
     "plate_centre_crack": ("mesh.lower.2=-0.1", "mesh.upper.2=0.1", "stepping.eta=0.1", "stepping.end_reaction=0.7",
                            "checkpoint.steps=5"),
-    "three_point_bending": ("stepping.end_opening=0.01",),  # cells of half the notch's width, as they are
     "bar_fe": ("mesh.spacing=0.1", "solver.tolerance=1e-4"),
     "bar_pd": ("mesh.spacing=0.1", "solver.tolerance=1e-3"),
     "bar_tension_relaxed": ("mesh.spacing=0.1", "solver.tolerance=1e-3"),

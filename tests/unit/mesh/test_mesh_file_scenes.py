@@ -226,10 +226,10 @@ def test_faces_inside_the_body_are_refused(cube):
     assert "the first at (0.5, 0.5, 1)" in message
 
 
-def test_traction_on_peridynamic_cells_names_the_set(cube):
-    (message,) = refused(cube, 2, (Traction(kind="traction", set="top", total=(1.0, 0.0, 0.0)),))
-    assert message.startswith("loads.0.set = top has 6 of 9 faces on peridynamic cells")
-    assert message.endswith('Use kind = "body_force" with set = "top".')
+def test_equal_shares_on_peridynamic_cells_name_the_set(cube):
+    (message,) = refused(cube, 2, (Traction(kind="traction", set="top", total=(1.0, 0.0, 0.0), nodal="equal"),))
+    assert message.startswith("loads.0.set = top has 3 of 9 faces on peridynamic cells")
+    assert message.endswith('Use nodal = "consistent".')
 
 
 @pytest.mark.parametrize(
