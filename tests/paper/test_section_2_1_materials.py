@@ -14,7 +14,6 @@ import pytest
 from pdfem_mpi.deck.loads import BodyForce, Support, Traction
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.regions import Region
-from pdfem_mpi.measure.fields import point_positions
 from pdfem_mpi.stepping import make_solver
 from support.bodies import YOUNGS_MODULUS, build, make_scene, run_deck
 
@@ -39,7 +38,7 @@ def positions_and_displacements(body):
     x, u = [], []
     if fields.u_points is not None:
         free = np.repeat(~found.is_overlap[found.has_points], 8)
-        x.append(point_positions(found)[free])
+        x.append(body.geometry.point_positions[free])
         u.append(fields.u_points[free])
     if fields.u_nodes is not None:
         x.append(found.mesh.nodes[found.node_row >= 0])

@@ -17,7 +17,6 @@ import pytest
 
 from pdfem_mpi.deck.programs import Solver
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.measure.fields import point_positions
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.solvers.convergence import NotConverged
@@ -201,7 +200,7 @@ def placed(solved: Solved):
     d = solved.body.share
     x, u = [], []
     if solved.fields.u_points is not None:
-        x.append(point_positions(d))
+        x.append(solved.body.geometry.point_positions)
         u.append(solved.fields.u_points)
     if solved.fields.u_nodes is not None:
         x.append(d.mesh.nodes[d.node_row >= 0])
@@ -227,7 +226,7 @@ def test_the_same_answer_in_other_units_elsewhere_and_mirrored(seed, kind):
     }[kind]
     other = solve(transform.scene(solved.scene, folder()))
     assert other.row is not None, other.reason
-    if solved.body.discretization.units.quantum and kind != "mirror image":
+    if solved.body.share.units.quantum and kind != "mirror image":
         assert other.row.load_factor == solved.row.load_factor
         np.testing.assert_array_equal(other.body.state.u, solved.body.state.u)
     assert other.row.load_factor == pytest.approx(solved.row.load_factor, rel=LOAD)

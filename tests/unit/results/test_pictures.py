@@ -117,7 +117,6 @@ def test_a_film_of_one_frame_is_a_sentence(tmp_path):
 
 def test_the_picture_shows_the_crack(tmp_path):
     """Dark pixels stand in the middle of the picture of a body whose outside is bright."""
-    pytest.importorskip("pyvista", reason="pictures are drawn by it (extra: viz)")
     words = draw_body(tmp_path / "body.png", cube(tmp_path), View(), "a cube", "mm")
     assert "cut at" in words and "10 broken bonds" in words
     picture = np.asarray(Image.open(tmp_path / "body.png").convert("RGB")).astype(int)
@@ -131,7 +130,6 @@ def test_the_picture_shows_the_crack(tmp_path):
 
 @pytest.mark.slow
 def test_a_film_has_all_frames(tmp_path):
-    pytest.importorskip("pyvista", reason="pictures are drawn by it (extra: viz)")
     told = []
     draw_film(tmp_path / "body.gif", cube(tmp_path), View(), told=lambda *numbers: told.append(numbers))
     with Image.open(tmp_path / "body.gif") as film:

@@ -173,7 +173,7 @@ def test_conjugate_gradients_keep_neither_velocity_nor_previous_force(memory, tm
 
 def test_a_run_without_output_gathers_no_fields_and_has_the_same_digest(tmp_path):
     scene = scene_of(3, solver="cg")
-    with patch("pdfem_mpi.runs.march.gather_fields", side_effect=AssertionError("fields were gathered")):
+    with patch("pdfem_mpi.runs.readings.gather_fields", side_effect=AssertionError("fields were gathered")):
         without = summary_of(scene, tmp_path / "without")
     fields = summary_of(scene.model_copy(update={"output": Output(figures=False)}), tmp_path / "with")
     assert without["fields_sha256"] == fields["fields_sha256"] is not None
@@ -201,7 +201,7 @@ def test_freed_arrays_of_set_up_go_back_to_the_system():
         grown = resident() - before
         del large
         left = resident() - before
-    assert grown > 48 << 20
+    assert grown > 40 << 20  # pages that the heap had left over count as grown already
     assert left < 8 << 20  # the small ones are 4 MiB
 
 
