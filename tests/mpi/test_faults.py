@@ -145,8 +145,8 @@ def test_ranks_agree_when_a_checkpoint_cannot_be_read(comm, mpi_tmp_path):
     layout = make_layout(body.share)
 
     class Broken:
-        def rows(self, name):
-            return 3
+        def shape(self, name):
+            return 3, 2
 
         def read_rows(self, *arguments):
             raise OSError(errno.EIO, os.strerror(errno.EIO))
