@@ -48,4 +48,6 @@ def test_parts_that_are_shared_out_take_the_same_bytes(comm, mpi_tmp_path, name)
     more = {"exchange"} if comm.size > 1 else set()
     assert_all(comm, set(expected["left_out"]) - set(found["left_out"]) == more, f"{found['left_out']}")
     assert_all(comm, sum(found["array_bytes"].values()) == sum(found["array_bytes_per_rank"]))
-    assert_all(comm, found["array_bytes"]["mesh"] == comm.size * expected["array_bytes"]["mesh"])
+    # the part of the mesh that each rank sees: its own cells and those around them
+    whole = expected["array_bytes"]["mesh"]
+    assert_all(comm, whole <= found["array_bytes"]["mesh"] <= comm.size * whole)
