@@ -81,6 +81,15 @@ def test_tests_import_no_tools(path):
     assert not {module for module in imports_of(path) if module.split(".")[0] == "tools"}
 
 
+@pytest.mark.parametrize("path", python_files(TESTS), ids=name)
+def test_tests_on_ranks_are_where_stages_look_for_them(path):
+    """A mark elsewhere takes a test out of the serial stage, and no other stage collects it."""
+    if not path.is_relative_to(TESTS / "mpi") and not path.is_relative_to(TESTS / "hard"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        attributes = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+        assert "pytest.mark.mpi" not in attributes
+
+
 def test_directly_in_tools_is_what_a_contributor_types():
     files = {path.name: path for path in TOOLS.iterdir() if path.is_file()}
     assert set(files) == {"run", "check", "environment", "stages.py"}

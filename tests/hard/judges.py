@@ -176,7 +176,7 @@ def broken(ledger: float | None = 1e-9, **limits: float) -> Judge:
 
 
 def softened(ledger: float = 1e-9, mirror: float | None = None) -> Judge:
-    """Bonds softened, with a ledger that closes; gone bonds are mirror images about x = ``mirror``."""
+    """Bonds softened, with a ledger that closes; bonds are gone, mirror images about x = ``mirror``, if it is given."""
 
     def measure(scene, outcome, others):
         last = outcome.history[-1]
@@ -184,6 +184,7 @@ def softened(ledger: float = 1e-9, mirror: float | None = None) -> Judge:
         errors += [abs(row["ledger_error"]) / ledger for row in outcome.history]
         if mirror is not None:
             gone = [row for row in outcome.history if row["broken_bonds"]]
+            errors.append(0.0 if gone else np.inf)
             errors += [abs(row["crack_x_min"] + row["crack_x_max"] - 2.0 * mirror) / 1e-9 for row in gone]
         counts = f"{int(last['broken_bonds']):,} bonds gone, {int(last['softened_bonds']):,} softened"
         return f"{last['event']} at load factor {last['load_factor']:.6g}, {counts}", max(errors) * ledger

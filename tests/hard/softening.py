@@ -59,7 +59,7 @@ CASES = (
         "without noise: the box of gone bonds symmetric about x = 10 to 1e-9, ledger to 1e-9",
         softened(mirror=10.0),
         (SOFT, NOISELESS),
-        ("stepping.end_load_factor=0.65",),
+        ("stepping.end_load_factor=0.75",),
     ),
     Case(
         21,

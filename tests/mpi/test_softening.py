@@ -55,6 +55,7 @@ def test_other_ranks_take_over(comm):
     """Books of one rank restored on all of them: teeth, area, forces and damage are the same."""
     scene = soft_strip(2.0, control="energy", **EDGE).model_copy(update={"output": Output(damage=True)})
     alone = followed(scene, 6, mpi().COMM_SELF)
+    assert_all(comm, alone.failure.soft > 0, "no bond softened")
     taken = failing(scene, comm)
     taken.failure.restore(*of_bonds(taken.body.model), alone.failure.broken_pairs(), alone.failure.dissipated_digits)
     assert_all(comm, outcome(taken)[1:] == outcome(alone)[1:], "books differ")

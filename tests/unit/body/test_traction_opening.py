@@ -8,7 +8,6 @@ from pdfem_mpi.body.traction_opening import curve_energy, fit_curve, transmitted
 from pdfem_mpi.deck.materials import Material
 
 BILINEAR = ((0.0, 2.59), (0.0361, 0.61), (0.203, 0.0))
-QUADRATURE = 1e-3
 SAMPLED = 0.02  # of bonds drawn at random
 
 

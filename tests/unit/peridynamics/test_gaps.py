@@ -78,7 +78,7 @@ def test_the_correction_knows_the_notch(correction):
     body = build(scene(NOTCH, correction=correction))
     assert not leaves_the_body(bonds_of(body), (NOTCH,)).any()
     if correction == "fitted":
-        assert body.model.body_fit.fit
+        assert body.model.body_fit.fit.residual < 1e-8  # the moments of every point; 1.9e-9 is found
     else:
         assert body.model.correction_remaining < 0.1  # of legs that are three cells wide and two thick
 

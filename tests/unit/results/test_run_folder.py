@@ -97,3 +97,12 @@ def test_a_history_with_a_word_among_its_numbers_is_refused(tmp_path):
     (tmp_path / "history.csv").write_text("step,reaction\n1,many\n")
     with pytest.raises(ValueError, match="many"):
         read_history(tmp_path / "history.csv")
+
+
+def test_a_history_is_read_with_gaps(tmp_path):
+    """Columns that came with a restart are empty in the rows before."""
+    (tmp_path / "history.csv").write_text("event,reaction,external_work\nstep,1.5,\nstep,2.5,0.25\n")
+    found = read_history(tmp_path / "history.csv")
+    assert found["event"].tolist() == ["step", "step"]
+    np.testing.assert_array_equal(found["reaction"], [1.5, 2.5])
+    np.testing.assert_array_equal(found["external_work"], [np.nan, 0.25])

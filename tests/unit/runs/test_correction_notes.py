@@ -23,7 +23,7 @@ CORNERS = 0.3  # shift of nodes, in cells
 REGULAR = 0.2  # as the warning says
 
 
-def notes(correction, corners, comm=None, cells=CELLS, contrast=0.1, stop=4.0):
+def notes(correction, corners, cells=CELLS, contrast=0.1, stop=4.0):
     """Two materials, side by side, one cell thick; nodes shifted at random up to a place along x."""
     regions = (
         Region(name="first", model="peridynamics", upper=(2.0, float(cells[1]), 1.0)),
@@ -36,7 +36,7 @@ def notes(correction, corners, comm=None, cells=CELLS, contrast=0.1, stop=4.0):
     moving = places[:, 0] < stop
     shift = corners * np.random.default_rng(1).uniform(-1.0, 1.0, share.nodes.shape)
     share.nodes[moving] += shift[moving]
-    model = build_model(scene, share, comm or mpi().COMM_SELF)
+    model = build_model(scene, share, mpi().COMM_SELF)
     return model, list(describe_correction(scene, share, model))
 
 
@@ -61,13 +61,6 @@ def test_its_place_is_told():
 def test_regular_cells_say_nothing(correction):
     model, told = notes(correction, 0.0)
     assert model.correction_remaining < REGULAR and told == []
-
-
-@pytest.mark.mpi
-def test_the_place_is_the_same_on_any_ranks():
-    one, several = (notes("virial", CORNERS, comm) for comm in (mpi().COMM_SELF, mpi().COMM_WORLD))
-    np.testing.assert_array_equal(one[0].most_uneven, several[0].most_uneven)
-    assert one[1] == several[1]
 
 
 def test_a_run_tells_it(tmp_path):

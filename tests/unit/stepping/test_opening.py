@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.outputs import OpeningProbe
 from pdfem_mpi.deck.programs import Events
 from pdfem_mpi.deck.scene import Scene
@@ -165,4 +164,3 @@ def test_other_controls_keep_their_numbers():
     next(run.follow(1))
     assert "opening" not in run.body.state.program
     assert run.body.case.opening is None
-    assert Support(face="x-", x=0.0).name is None
