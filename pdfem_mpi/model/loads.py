@@ -52,13 +52,15 @@ class LoadCase:
     held : tuple of three int64 arrays, for each support
         Unknowns that it prescribes along x, y and z.
     moves : tuple of bool
-        Supports that prescribe something else than 0.
+        Supports that prescribe something else than 0 at some load factor.
     reach : float, dimension length
         Largest prescribed displacement.
     load : float, dimension force
         Resultant of the external forces that push one way (those along the axes, or those against them).
     thermal : Thermal or None
         The strain of a change of temperature, whose forces are part of ``external``.
+    grows : bool
+        Whether ``load`` is that of loads that grow; else it is that of constant ones, beside which there are none.
     taken : float64, shape (3,), dimension force
         Sums of the forces along x, y and z that loads put on held places, where supports take them at once; NaN where
         there are none.
@@ -87,6 +89,14 @@ class LoadCase:
     following: tuple[Following, ...] = ()
     opening: Gauge | None = None
     thermal: Thermal | None = None
+    grows: bool = True
+
+    @property
+    def of_loads(self) -> np.ndarray:
+        """The forces that ``load`` is of, at load factor 1, without those of thermal strain; shape (n_unknowns,)."""
+        if not self.grows:
+            return self.constant
+        return self.external if self.thermal is None else self.external - np.where(self.fixed, 0, self.thermal.forces)
 
     def forces(self, load_factor: float) -> np.ndarray:
         """The external forces at a load factor; float64, shape (n_unknowns,)."""
@@ -131,6 +141,7 @@ def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
     free, parts = free_motions(model, fixed), find_parts(model)
     unsupported = find_unsupported(model, parts, fixed) if parts.count > 1 else ()
     volume = _volume(share, model) if len(free) or unsupported else None
+    load = _one_way(model, external)
     case = LoadCase(
         external=external,
         fixed=fixed,
@@ -141,13 +152,14 @@ def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
         parts=parts,
         unsupported=unsupported,
         held=held,
-        moves=tuple(size > 0.0 for size in prescription.reach),
+        moves=tuple(r > 0.0 or x.follows_factor for r, x in zip(prescription.reach, scene.supports, strict=True)),
         reach=max(prescription.reach, default=0.0),
-        load=_one_way(model, external) or (0.0 if constant is None else _one_way(model, constant)),
+        load=load or (0.0 if constant is None else _one_way(model, constant)),
         taken=taken,
         constant=constant,
         following=prescription.following,
         opening=_controlled(scene, share, model),
+        grows=constant is None or load > 0.0,
     )
     for forces in (external,) if constant is None else (external, constant):
         if messages := find_unbalanced(model, free, parts, unsupported, forces):
