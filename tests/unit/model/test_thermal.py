@@ -225,12 +225,16 @@ def test_the_displacement_of_loads_is_theirs_alone():
 
 
 def test_interfaces_that_break_are_told():
-    text = deck("bonds, virial").replace(
-        "[peridynamics]",
-        '[[interfaces]]\nbetween = ["default", "steel"]\nfracture_energy = 1.0\n[materials.steel]\n'
-        'youngs_modulus = 2000.0\n[[regions]]\nname = "end"\nmodel = "peridynamics"\nmaterial = "steel"\n'
-        "lower = [4.0, 0.0, 0.0]\nupper = [6.0, 2.0, 2.0]\n[peridynamics]",
-    ).replace("lower = [0.0, 0.0, 0.0]\n[[int", "lower = [0.0, 0.0, 0.0]\nupper = [4.0, 2.0, 2.0]\n[[int")
+    text = (
+        deck("bonds, virial")
+        .replace(
+            "[peridynamics]",
+            '[[interfaces]]\nbetween = ["default", "steel"]\nfracture_energy = 1.0\n[materials.steel]\n'
+            'youngs_modulus = 2000.0\n[[regions]]\nname = "end"\nmodel = "peridynamics"\nmaterial = "steel"\n'
+            "lower = [4.0, 0.0, 0.0]\nupper = [6.0, 2.0, 2.0]\n[peridynamics]",
+        )
+        .replace("lower = [0.0, 0.0, 0.0]\n[[int", "lower = [0.0, 0.0, 0.0]\nupper = [4.0, 2.0, 2.0]\n[[int")
+    )
     with pytest.raises(pdfem.DeckError) as error:
         parse_deck(text, "bar.toml")
     assert "interfaces.0.fracture_energy breaks bonds by their whole stretch" in str(error.value)
