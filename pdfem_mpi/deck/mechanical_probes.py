@@ -10,7 +10,7 @@ from pydantic import SkipValidation
 
 from pdfem_mpi.deck.field_names import MECHANICAL_FIELDS, field_problems, is_list_of_names
 from pdfem_mpi.deck.loads import Selection, unknown_regions
-from pdfem_mpi.deck.materials import Material, all_materials
+from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.table import Problem, Table, Vector, key, show
 
@@ -131,7 +131,12 @@ class EnergyReleaseProbe(Table):
 
 
 def check_energy_release(
-    cracks: Sequence[Any], material: Material, materials: dict[str, Material], temperature: Any, probes: Sequence[Any]
+    cracks: Sequence[Any],
+    material: Material,
+    materials: dict[str, Material],
+    interfaces: Sequence[Any],
+    temperature: Any,
+    probes: Sequence[Any],
 ) -> list[Problem]:
     """A crack that is there, of a polygon with a straight front, in a body that keeps its bonds and its temperature."""
     problems = []
@@ -147,7 +152,7 @@ def check_energy_release(
         elif len(front_of(cracks[probe.crack].polygon, probe.direction)) < 2:
             text = f"= {show(probe.direction)} ends at one corner of the crack. Give the normal of its straight front."
             problems.append(Problem(f"{where}.direction", text))
-        if any(table.can_fail for _, table in all_materials(material, materials).values()):
+        if any(table.can_fail for table in (material, *materials.values(), *interfaces)):
             text = '= "energy_release" compares two bodies that keep their bonds. Remove critical_stretch and'
             problems.append(Problem(f"{where}.kind", f"{text} fracture_energy, or the probe."))
         if temperature is not None:

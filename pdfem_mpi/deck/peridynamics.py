@@ -215,6 +215,7 @@ def check_fitted(
     regions: Sequence[Region],
     material: Material,
     materials: dict[str, Material],
+    interfaces: Sequence[Interface],
     peridynamics: Peridynamics,
     coupling: Coupling,
 ) -> list[Problem]:
@@ -250,7 +251,7 @@ def check_fitted(
     if fitted and getattr(mesh, "doubled_nodes", "refuse") == "crack":
         why = 'keeps a crack across bonds, and peridynamics.surface_correction = "fitted" takes it for a surface.'
         problems.append(Problem("mesh.doubled_nodes", f'= "crack" {why} Use "virial".'))
-    can_fail = any(entry.can_fail for entry in (material, *materials.values()))
+    can_fail = any(entry.can_fail for entry in (material, *materials.values(), *interfaces))
     if fitted and can_fail and peridynamics.signs == "free":
         problems.append(
             Problem(

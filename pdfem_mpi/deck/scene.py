@@ -182,7 +182,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("probes", "supports", "loads"), check_column_names),
     (("regions", "loads"), check_references),
     (("regions", "supports"), check_support_references),
-    (("mesh", "regions", "material", "materials", "peridynamics", "coupling"), check_fitted),
+    (("mesh", "regions", "material", "materials", "interfaces", "peridynamics", "coupling"), check_fitted),
     (("regions", "material", "materials", "interfaces", "peridynamics"), check_volumetric),
     (("mesh", "regions"), functools.partial(check_sets, "regions")),
     (("mesh", "loads"), functools.partial(check_sets, "loads")),
@@ -190,10 +190,10 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("mesh", "loads"), check_mirrored_loads),
     (("mesh", "supports"), check_mirrored_supports),
     (("mesh", "probes"), check_mirrored_bars),
-    (("temperature", "material", "materials", "peridynamics", "regions"), check_temperature),
+    (("temperature", "material", "materials", "interfaces", "peridynamics", "regions"), check_temperature),
     (("mesh", "probes"), functools.partial(check_sets, "probes")),
     (("regions", "probes"), check_set_probes),
-    (("cracks", "material", "materials", "temperature", "probes"), check_energy_release),
+    (("cracks", "material", "materials", "interfaces", "temperature", "probes"), check_energy_release),
 )
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from pdfem_mpi.deck.formulas import formula_problems, names_in
-from pdfem_mpi.deck.materials import Material, all_materials
+from pdfem_mpi.deck.materials import Interface, Material, all_materials
 from pdfem_mpi.deck.peridynamics import Peridynamics
+from pdfem_mpi.deck.softening import CRITERION
 from pdfem_mpi.deck.table import Problem, Table, key, show
 
 
@@ -60,6 +62,7 @@ def check_temperature(
     temperature: Any,
     material: Material,
     materials: dict[str, Material],
+    interfaces: Sequence[Interface],
     peridynamics: Peridynamics,
     regions: Any,
 ) -> list[Problem]:
@@ -75,9 +78,10 @@ def check_temperature(
     if (peridynamics.kinematics or ("finite" if bonds else "linear")) == "finite":
         text = 'strains bodies in linear kinematics alone. Use peridynamics.kinematics = "linear", or remove it.'
         problems.append(Problem("temperature", text))
-    for where, table in tables.values():
+    across = [(f"interfaces.{index}", interface) for index, interface in enumerate(interfaces)]
+    for where, table in (*tables.values(), *across):
         if bonds and table.can_fail:
-            name = "fracture_energy" if table.critical_stretch is None else "critical_stretch"
+            name = next(name for name in CRITERION if getattr(table, name) is not None)
             text = "breaks bonds by their whole stretch, which a temperature would be a part of. Remove one of the two."
             problems.append(Problem(f"{where}.{name}", text))
     return problems

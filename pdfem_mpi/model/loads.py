@@ -6,7 +6,6 @@ order of the mesh, so that any number of ranks finds the same bits.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +19,7 @@ from pdfem_mpi.model.body_forces import density, lump_on_nodes, point_forces
 from pdfem_mpi.model.gauges import Gauge, gauge_of
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import combine, free_motions, rigid_gram, rigid_modes
+from pdfem_mpi.model.one_way import one_way
 from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsupported
 from pdfem_mpi.model.supports import Following, prescribe
 from pdfem_mpi.model.thermal import Thermal, make_thermal
@@ -52,13 +52,15 @@ class LoadCase:
     held : tuple of three int64 arrays, for each support
         Unknowns that it prescribes along x, y and z.
     moves : tuple of bool
-        Supports that prescribe something else than 0.
+        Supports that prescribe something else than 0 at some load factor.
     reach : float, dimension length
         Largest prescribed displacement.
     load : float, dimension force
         Resultant of the external forces that push one way (those along the axes, or those against them).
     thermal : Thermal or None
         The strain of a change of temperature, whose forces are part of ``external``.
+    grows : bool
+        Whether ``load`` is that of loads that grow; else it is that of constant ones, beside which there are none.
     taken : float64, shape (3,), dimension force
         Sums of the forces along x, y and z that loads put on held places, where supports take them at once; NaN where
         there are none.
@@ -87,6 +89,14 @@ class LoadCase:
     following: tuple[Following, ...] = ()
     opening: Gauge | None = None
     thermal: Thermal | None = None
+    grows: bool = True
+
+    @property
+    def of_loads(self) -> np.ndarray:
+        """The forces that ``load`` is of, at load factor 1, without those of thermal strain; shape (n_unknowns,)."""
+        if not self.grows:
+            return self.constant
+        return self.external if self.thermal is None else self.external - np.where(self.fixed, 0, self.thermal.forces)
 
     def forces(self, load_factor: float) -> np.ndarray:
         """The external forces at a load factor; float64, shape (n_unknowns,)."""
@@ -131,6 +141,7 @@ def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
     free, parts = free_motions(model, fixed), find_parts(model)
     unsupported = find_unsupported(model, parts, fixed) if parts.count > 1 else ()
     volume = _volume(share, model) if len(free) or unsupported else None
+    load = one_way(model, external)
     case = LoadCase(
         external=external,
         fixed=fixed,
@@ -141,13 +152,14 @@ def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
         parts=parts,
         unsupported=unsupported,
         held=held,
-        moves=tuple(size > 0.0 for size in prescription.reach),
+        moves=tuple(r > 0.0 or x.follows_factor for r, x in zip(prescription.reach, scene.supports, strict=True)),
         reach=max(prescription.reach, default=0.0),
-        load=_one_way(model, external) or (0.0 if constant is None else _one_way(model, constant)),
+        load=load or (0.0 if constant is None else one_way(model, constant)),
         taken=taken,
         constant=constant,
         following=prescription.following,
         opening=_controlled(scene, share, model),
+        grows=constant is None or load > 0.0,
     )
     for forces in (external,) if constant is None else (external, constant):
         if messages := find_unbalanced(model, free, parts, unsupported, forces):
@@ -219,10 +231,10 @@ def without_loads_on_loose_parts(model: Model, case: LoadCase) -> tuple[LoadCase
     rows, parts = without_equilibrium(model, case.fixed, case.external)
     external = np.where(rows, 0.0, case.external)
     if case.constant is None:
-        return replace(case, external=external, load=_one_way(model, external)), parts
+        return replace(case, external=external, load=one_way(model, external)), parts
     others, more = without_equilibrium(model, case.fixed, case.constant)
     external, constant = (np.where(rows | others, 0.0, forces) for forces in (case.external, case.constant))
-    load = _one_way(model, external) or _one_way(model, constant)
+    load = one_way(model, external) or one_way(model, constant)
     known = {part.text for part in parts}
     parts += [part for part in more if part.text not in known]
     return replace(case, external=external, constant=constant, load=load), parts
@@ -243,13 +255,6 @@ def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarra
     ones = np.ones_like(force)
     sums = exact_dots(model.comm, [(values, ones) for side in sides for values in (side, np.abs(side))]).reshape(3, 2)
     return np.where(sums[:, 1] > 0.0, sums[:, 0], np.nan)
-
-
-def _one_way(model: Model, external: np.ndarray) -> float:
-    along = (model.unknowns.along(external, d) for d in range(3))
-    ways = (np.maximum(sign * forces, 0.0) for forces in along for sign in (1.0, -1.0))
-    sums = exact_dots(model.comm, ((way, np.ones_like(way)) for way in ways)).reshape(3, 2).T
-    return max(math.sqrt(x * x + y * y + z * z) for x, y, z in sums.tolist())
 
 
 def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:

@@ -13,6 +13,7 @@ from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
 from pdfem_mpi.model.motions import rigid_modes
 from pdfem_mpi.model.state import State
+from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.convergence import Convergence, NotConverged
@@ -173,14 +174,17 @@ def reaction(case: LoadCase, resultants: np.ndarray, load_factor: float) -> floa
     moving = [size for size, moves in zip(sizes, case.moves, strict=True) if moves]
     if moving or not case.load:
         return max(moving or sizes, default=0.0)
-    return abs(load_factor) * case.load
+    return (abs(load_factor) if case.grows else 1.0) * case.load
 
 
 def displacement(forces: Forces, case: LoadCase, state: State) -> float:
     """The displacement conjugate to `reaction` (see `Report`). Collective."""
+    if case.following:
+        size = largest(forces.model.comm, np.array([np.abs(state.u[case.fixed]).max(initial=0.0)]))[0]
+        return math.copysign(float(size), state.load_factor)
     if any(case.moves) or not case.load:
         return state.load_factor * case.reach
-    (work,) = exact_dots(forces.model.comm, [(case.external, state.u)])
+    (work,) = exact_dots(forces.model.comm, [(case.of_loads, state.u)])
     return float(work) / case.load
 
 

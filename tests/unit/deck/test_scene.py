@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from pdfem_mpi.deck.loads import BodyForce, Support, Traction
-from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.materials import Interface, Material
 from pdfem_mpi.deck.meshes import BoxMesh, FileMesh, PlateWithHoleMesh, nearest_fitting_spacing
 from pdfem_mpi.deck.outputs import BarProbe, DisplacementProbe, LineProbe
 from pdfem_mpi.deck.peridynamics import Coupling, Peridynamics
@@ -424,6 +424,12 @@ def test_free_signs_are_refused_where_bonds_may_break():
     assert found.key == "peridynamics.signs"
     assert 'Use "bounded"' in found.text
     scene(peridynamics=FITTED.model_copy(update={"signs": "bounded"}), **breaking)
+    across = {
+        "materials": {"steel": Material(youngs_modulus=2.0e7)},
+        "interfaces": (Interface(between=("default", "steel"), critical_stretch=0.01),),
+        "regions": (BONDS, Region(name="end", model="peridynamics", material="steel", lower=(9.0, 0.0, 0.0))),
+    }
+    assert only_problem(lambda: scene(peridynamics=FITTED, **across)).key == "peridynamics.signs"
 
 
 @pytest.mark.parametrize("correction", ["none", "virial", "fitted"])

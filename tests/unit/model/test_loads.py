@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from pdfem_mpi import Simulation
 from pdfem_mpi.deck.loads import BodyForce, Force, Support, Traction
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.table import SceneError
@@ -12,7 +13,7 @@ from pdfem_mpi.model.loads import remove_rigid_motion
 from pdfem_mpi.model.motions import free_motions, rigid_modes
 from pdfem_mpi.model.parts import positions
 from pdfem_mpi.solvers import adr
-from support.bodies import build, make_scene
+from support.bodies import YOUNGS_MODULUS, build, make_scene
 
 ROUND_OFF = 1e-13  # relative, of sums of some hundred terms
 SOLVER_TOLERANCE = 1e-10  # of the residual; displacements of small bodies are then good to 1e-8
@@ -397,3 +398,16 @@ def test_region_names_select_their_cells():
     support = Support(region="all", x=0.5)
     body = build(scene.model_copy(update={"supports": (support,)}))
     assert np.count_nonzero(body.case.fixed) == 8 * 16
+
+
+@pytest.mark.parametrize("correction", ["none", "virial", "fitted"])
+@pytest.mark.parametrize("cells", [(4, 2, 2), (1, 2, 2)])
+def test_tractions_on_bonds_are_as_large_as_they_say(cells, correction):
+    """The points behind a face are pushed back; in one cell both faces pull at the same points."""
+    loads = tuple(Traction(kind="traction", face=f, total=(t, 0.0, 0.0)) for f, t in (("x-", -9.0), ("x+", 9.0)))
+    scene = make_scene(cells, loads=loads, correction=correction, solver="cg", tolerance=1e-10)
+    row = Simulation(scene).solve(0.5)
+    assert row["reaction"] == pytest.approx(4.5, rel=1e-12)
+    if correction == "fitted" and cells[0] > 1:  # whose faces move apart as those of elements
+        area = cells[1] * cells[2]
+        assert row["displacement"] == pytest.approx(4.5 / area / YOUNGS_MODULUS * cells[0], rel=1e-6)

@@ -210,3 +210,31 @@ def test_files_of_another_mesh_are_told(tmp_path):
         with pytest.raises(pdfem.SceneError) as error:
             pdfem.Simulation(parse_deck(deck("elements", temperature=temperature), "bar.toml"))
         assert sentence in str(error.value)
+
+
+def test_the_displacement_of_loads_is_theirs_alone():
+    """Ends that are pulled apart and expand: their mean distance, to which strains of the middle give nothing."""
+    pull = "".join(
+        f'\n[[loads]]\nkind = "body_force"\nface = "{face}"\ntotal = [{sign}4.0, 0.0, 0.0]\n'
+        for face, sign in (("x-", "-"), ("x+", ""))
+    )
+    simulation = pdfem.Simulation(parse_deck(deck("bonds, virial", pull), "bar.toml"))
+    row, fields, x = simulation.solve(0.5), simulation.fields(), simulation.points[:, 0]
+    longer = fields.u_points[x > 5.0, 0].mean() - fields.u_points[x < 1.0, 0].mean()
+    assert row["displacement"] == pytest.approx(longer, rel=ROUND_OFF)
+
+
+def test_interfaces_that_break_are_told():
+    text = (
+        deck("bonds, virial")
+        .replace(
+            "[peridynamics]",
+            '[[interfaces]]\nbetween = ["default", "steel"]\nfracture_energy = 1.0\n[materials.steel]\n'
+            'youngs_modulus = 2000.0\n[[regions]]\nname = "end"\nmodel = "peridynamics"\nmaterial = "steel"\n'
+            "lower = [4.0, 0.0, 0.0]\nupper = [6.0, 2.0, 2.0]\n[peridynamics]",
+        )
+        .replace("lower = [0.0, 0.0, 0.0]\n[[int", "lower = [0.0, 0.0, 0.0]\nupper = [4.0, 2.0, 2.0]\n[[int")
+    )
+    with pytest.raises(pdfem.DeckError) as error:
+        parse_deck(text, "bar.toml")
+    assert "interfaces.0.fracture_energy breaks bonds by their whole stretch" in str(error.value)

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from pdfem_mpi import Simulation
+from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.programs import Steps
+from support.bodies import make_scene, tension
 from support.failing import followed, strip
 
 OVERSHOOT = 1.02
@@ -40,3 +43,22 @@ def test_broken_bonds_stay_broken():
     assert again.new_broken == 0
     assert again.reaction < intact.rows[-1].reaction
     assert np.isfinite(again.stored)
+
+
+def test_displacement_of_a_formula_is_what_it_prescribes():
+    """A square of the load factor, and one that is nothing at load factor 1."""
+    for formula, expected in (("1e-3 * f^2", [2.5e-4, 1e-3]), ("4e-3 * f * (1 - f)", [1e-3, 0.0])):
+        supports = (Support(face="x-", x=0.0, y=0.0, z=0.0), Support(face="x+", x=formula))
+        scene = make_scene((4, 2, 2), supports=supports, loads=(), solver="cg", stepping=steps(0.5, 1.0))
+        rows = list(Simulation(scene).steps())
+        assert [row["displacement"] for row in rows] == pytest.approx(expected, rel=1e-12)
+        held = [abs(row["reaction_x"]) for row in rows]
+        assert rows[0]["reaction"] > 0.0 and max(held) <= 1e-3 * rows[0]["reaction"]
+
+
+def test_constant_loads_alone_are_there_at_every_load_factor():
+    loads = tuple(load.model_copy(update={"constant": True}) for load in tension((4, 2, 2), 0))
+    rows = list(Simulation(make_scene((4, 2, 2), loads=loads, solver="cg", stepping=steps(0.5, 1.0))).steps())
+    grown = list(Simulation(make_scene((4, 2, 2), solver="cg", stepping=steps(0.5, 1.0))).steps())
+    for name in ("reaction", "displacement"):
+        assert [row[name] for row in rows] == pytest.approx([grown[1][name]] * 2, rel=1e-5)
