@@ -39,6 +39,8 @@ NEWER_DEFAULTS = (
 LOAD_FACTORS, TIMES = "stepping.load_factors", "stepping.times"
 #: Stands for the mesh itself among the keys.
 MESH = "mesh, its nodes and cells"
+#: Stands for what a file of temperatures holds.
+HEAT = "temperature, the content of its file"
 
 
 def identity(scene: Scene, share: Share) -> dict[str, Any]:
@@ -50,7 +52,18 @@ def identity(scene: Scene, share: Share) -> dict[str, Any]:
     keys |= _may_fail(scene, share)
     keys = {key: value for key, value in keys.items() if not _is_newer_default(key, value) and not _is_label(key)}
     keys[MESH] = share.body_sha256
+    if scene.temperature is not None and scene.temperature.file is not None:
+        keys[HEAT] = _digest(scene.temperature.file)
     return keys
+
+
+def _digest(path: str) -> str | None:
+    """Digest of a file's content; None where it cannot be read, which the load case refuses by name."""
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return None
 
 
 def sha256(keys: Mapping[str, Any]) -> str:
@@ -82,7 +95,7 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any], steps_done: int
         a, b = then.get(key), now.get(key)
         if a == b or _is(key, FREE):
             continue
-        values = "differs" if key == MESH else f"was {_show(then, key)}, the deck has {_show(now, key)}"
+        values = "differs" if key in (MESH, HEAT) else f"was {_show(then, key)}, the deck has {_show(now, key)}"
         if _held_now(key, a, b):
             values += f", {HELD_NOW.format(key=key)}"
         if _is(key, MAY_CHANGE) or (key in (LOAD_FACTORS, TIMES) and a and b and a[:done] == b[:done]):

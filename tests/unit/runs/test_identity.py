@@ -9,11 +9,13 @@ from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.outputs import LineProbe, Output
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.programs import Solver, Steps
+from pdfem_mpi.deck.temperatures import Temperature
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs.identity import (
     ELEMENTS,
     ELEMENTS_BESIDE_BONDS,
     FREE,
+    HEAT,
     LOAD_FACTORS,
     MAY_CHANGE,
     MESH,
@@ -126,3 +128,16 @@ def test_a_renumbered_mesh_is_another_mesh():
     mesh.cells[[0, 1]] = mesh.cells[[1, 0]]
     refused, _ = differences(keys_of(), identity(scene, share_of(scene, mpi().COMM_SELF, mesh)), 0)
     assert refused == [f"{MESH} differs"]
+
+
+def test_temperatures_of_another_content_make_another_run(tmp_path):
+    """The path alone would let a file that was written anew pass in silence."""
+    path = tmp_path / "hot.vtu"
+    scene = make_scene((3, 2, 2), 3).model_copy(update={"temperature": Temperature(file=str(path), field="T")})
+    share, found = local_share(scene), []
+    for content in (b"warm", b"warm", b"hot"):
+        path.write_bytes(content)
+        found.append(identity(scene, share))
+    assert differences(found[0], found[1], 0) == ([], [])
+    refused, allowed = differences(found[0], found[2], 0)
+    assert refused == [f"{HEAT} differs"] and not allowed
