@@ -172,13 +172,6 @@ def frame_fields(path: str | Path, kind: Kind = "PointData") -> list[str]:
         return sorted(file[f"VTKHDF/Steps/{kind}Offsets"])
 
 
-def read_times(path: str | Path) -> np.ndarray:
-    """Time of each frame, float64, shape (n_frames,)."""
-    with h5py.File(path, "r", locking=False) as file:
-        steps = file["VTKHDF/Steps"]
-        return steps["Values"][: int(steps.attrs["NSteps"])]
-
-
 def read_points(path: str | Path) -> np.ndarray:
     """Reference positions, float64, shape (n, 3)."""
     with h5py.File(path, "r", locking=False) as file:
