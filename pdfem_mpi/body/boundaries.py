@@ -118,7 +118,7 @@ def _moments(discretization: Discretization, number: int) -> np.ndarray:
     """Volume and first moments of the points of a body, model units; float64, shape (4,)."""
     corners = discretization.nodes[discretization.mesh.cells[discretization.body == number]]
     w, x = gauss_volumes(corners).reshape(-1), gauss_positions(corners).reshape(-1, 3)
-    return np.append(w.sum(), w @ x)
+    return np.append(w.sum(), (w[:, None] * x).sum(axis=0))
 
 
 def compatible_areas(discretization: Discretization, boundary: Boundary) -> tuple[np.ndarray, float]:

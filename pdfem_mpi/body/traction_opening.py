@@ -12,10 +12,12 @@ the first.
 from __future__ import annotations
 
 import functools
+import math
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from pdfem_mpi.body.quadrature import gauss_legendre
 from pdfem_mpi.body.softening_law import Shape
 from pdfem_mpi.deck.softening import DROP
 
@@ -48,9 +50,10 @@ def transmitted(shape: Shape, ratio: float, first: float, energy: float, length:
     m, wm = _gauss(DIRECTIONS, 1.0)
     stretch = np.asarray(opening)[:, None, None] / length * m / r[:, None] / first
     force = np.where(stretch < 1.0, stretch, np.interp(stretch, branch.stretch, branch.force, right=0.0))
-    weights = (wr * r**3 * np.exp(-(r**2)))[:, None] * (wm * m**2)
+    decay = np.array([math.exp(-length * length) for length in r])
+    weights = (wr * (r * r * r) * decay)[:, None] * (wm * m**2)
     # the integral over all openings: m / r dw = ds
-    whole = 0.5 * first * branch.energy * float((wr * r**4 * np.exp(-(r**2))).sum()) * float((wm * m).sum())
+    whole = 0.5 * first * branch.energy * float((wr * (r * r) * (r * r) * decay).sum()) * float((wm * m).sum())
     return (force * weights).sum(axis=(1, 2)) * energy / (whole * length)
 
 
@@ -95,5 +98,5 @@ def curve_energy(curve) -> float:
 
 
 def _gauss(n: int, end: float) -> tuple[np.ndarray, np.ndarray]:
-    nodes, weights = np.polynomial.legendre.leggauss(n)
+    nodes, weights = gauss_legendre(n)
     return 0.5 * end * (nodes + 1.0), 0.5 * end * weights

@@ -35,9 +35,16 @@ if numba.config.DISABLE_JIT:
             raise IndexError(f"lanes {start}:{start + W} of an array of {array.size}")
         array[start : start + W] = v
 
+    def prefetch(array, index):
+        """Ask for the memory around an entry, which may lie outside of the array, ahead of its use."""
+
     def splat(x):
         """The number ``x`` in all lanes."""
         return np.full(W, x)
+
+    def held(v):
+        """The same lanes, in a register to the compiler's knowledge."""
+        return v
 
     def fma(x, y, z):
         """``x * y + z``."""
@@ -152,6 +159,30 @@ else:
             return context.get_dummy_value()
 
         return types.void(array, types.intp, v), codegen
+
+    @intrinsic
+    def prefetch(typingctx, array, index):
+        """Ask for the memory around an entry, which may lie outside of the array, ahead of its use."""
+
+        def codegen(context, builder, sig, args):
+            data = builder.gep(context.make_array(sig.args[0])(context, builder, args[0]).data, [args[1]])
+            byte = ir.IntType(8).as_pointer()
+            signature = ir.FunctionType(ir.VoidType(), [byte, _B, _B, _B])
+            function = cgutils.get_or_insert_function(builder.module, signature, "llvm.prefetch.p0")
+            to_read, near, data_cache = (ir.Constant(_B, flag) for flag in (0, 3, 1))
+            builder.call(function, [builder.bitcast(data, byte), to_read, near, data_cache])
+            return context.get_dummy_value()
+
+        return types.void(array, types.intp), codegen
+
+    @intrinsic
+    def held(typingctx, v):
+        """The same lanes, of which the compiler does not know where they come from: it keeps them in a register."""
+
+        def codegen(context, builder, sig, args):
+            return builder.asm(ir.FunctionType(_VF, [_VF]), "", "=v,0", [args[0]], False)
+
+        return v(v), codegen
 
     @intrinsic
     def splat(typingctx, x):

@@ -37,6 +37,7 @@ def resultant_of(scene: Scene, share: Share, index: int) -> tuple[np.ndarray, np
     own_nodes[share.subdomain.owned_nodes] = True
     cells = np.flatnonzero(on_cells.any(axis=1) & share.is_owned)
     volumes = gauss_volumes(share.nodes[share.mesh.cells[cells]]).sum(axis=1)
-    total = volumes @ on_cells[cells] + on_nodes[own_nodes].sum(axis=0) + on_points[share.is_owned].sum(axis=(0, 1))
+    of_cells = (volumes[:, None] * on_cells[cells]).sum(axis=0)
+    total = of_cells + on_nodes[own_nodes].sum(axis=0) + on_points[share.is_owned].sum(axis=(0, 1))
     has_force = (on_cells.any(axis=1) | on_points.any(axis=(1, 2))) & share.is_owned
     return total, has_force, on_nodes.any(axis=1) & own_nodes

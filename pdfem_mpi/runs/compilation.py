@@ -10,6 +10,7 @@ import numba
 
 from pdfem_mpi import kernels as package
 from pdfem_mpi.kernels import (
+    banded,
     bond_cuts,
     bond_densities,
     bond_failure,
@@ -18,10 +19,12 @@ from pdfem_mpi.kernels import (
     bond_sweeps,
     bond_tangent,
     correction_sweeps,
+    dense,
     dilatation_fit,
     dilatation_sweeps,
     dilatations,
     families,
+    fronts,
     gap_cuts,
     interpolation,
     krylov,
@@ -76,6 +79,12 @@ NEEDED_BY = {
         for table in (dilatation_sweeps.CHANGES, volumetric_sweeps.TANGENTS)
         for (_, weighted), sweep in table.items()
     },
+    banded: {"cg"},
+    dense.add_product: {"cg"},
+    dense.eliminate: {"cg"},
+    dense.make_orthonormal: {"cg"},
+    dense.remove_rows: {"cg"},
+    fronts: {"fitted"},
     bond_moments: {"fitted"},
     bond_stresses: {"stresses"},
     bond_tangent: {"finite", "cg"},
