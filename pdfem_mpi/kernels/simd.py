@@ -70,6 +70,14 @@ if numba.config.DISABLE_JIT:
         """``x`` where the mask is set, else 0."""
         return (x.view(np.int64) & mask.view(np.int64)).view(np.float64)
 
+    def either(x, y):
+        """The bits that one of both has."""
+        return (x.view(np.int64) | y.view(np.int64)).view(np.float64)
+
+    def unequal(x, y):
+        """Lane mask of ``x != y``, which holds for NaN."""
+        return np.where(x != y, np.int64(-1), np.int64(0)).view(np.float64)
+
     def magnitude(x):
         """Absolute value."""
         return np.abs(x)
@@ -109,6 +117,10 @@ if numba.config.DISABLE_JIT:
     def bits(x):
         """Bit pattern of a float64 as int64."""
         return np.float64(x).view(np.int64)
+
+    def from_bits(pattern):
+        """The float64 that has a bit pattern."""
+        return np.int64(pattern).view(np.float64)
 
 else:
     from llvmlite import ir
@@ -264,7 +276,7 @@ else:
 
         return operation
 
-    iadd, isub, both = _integer("add"), _integer("sub"), _integer("and_")
+    iadd, isub, both, either = _integer("add"), _integer("sub"), _integer("and_"), _integer("or_")
 
     def _select(comparison):
         @intrinsic
@@ -284,6 +296,15 @@ else:
 
         def codegen(context, builder, sig, args):
             return builder.bitcast(builder.sext(builder.fcmp_ordered(">", args[0], args[1]), _VI), _VF)
+
+        return x(x, x), codegen
+
+    @intrinsic
+    def unequal(typingctx, x, y):
+        """Lane mask (all bits set or none) of ``x != y``, which holds for NaN."""
+
+        def codegen(context, builder, sig, args):
+            return builder.bitcast(builder.sext(builder.fcmp_unordered("!=", args[0], args[1]), _VI), _VF)
 
         return x(x, x), codegen
 
@@ -324,3 +345,12 @@ else:
             return builder.bitcast(args[0], _I)
 
         return types.int64(types.float64), codegen
+
+    @intrinsic
+    def from_bits(typingctx, pattern):
+        """The float64 that has a bit pattern."""
+
+        def codegen(context, builder, sig, args):
+            return builder.bitcast(args[0], _F)
+
+        return types.float64(types.int64), codegen
