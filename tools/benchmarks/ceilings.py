@@ -8,19 +8,6 @@ from numba import config, njit, types
 from pdfem_mpi.kernels.bond_response import (
     V1, V2, V3, V4, V5, V6, V7, V8, ask_ahead, numbers_of, response_by_series, u8,
 )  # fmt: skip
-    V1,
-    V2,
-    V3,
-    V4,
-    V5,
-    V6,
-    V7,
-    V8,
-    ask_ahead,
-    numbers_of,
-    response_by_series,
-    u8,
-)
 from pdfem_mpi.kernels.simd import W, above, fma, fnma, hsum, lanes, largest, load, splat, store
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
