@@ -6,7 +6,18 @@ Nothing here is used by a simulation.
 from numba import config, njit, types
 
 from pdfem_mpi.kernels.bond_response import (
-    V1, V2, V3, V4, V5, V6, V7, V8, ask_ahead, numbers_of, response_by_series, u8,
+    V1,
+    V2,
+    V3,
+    V4,
+    V5,
+    V6,
+    V7,
+    V8,
+    ask_ahead,
+    numbers_of,
+    response_by_series,
+    u8,
 )  # fmt: skip
 from pdfem_mpi.kernels.simd import W, above, fma, fnma, hsum, lanes, largest, load, splat, store
 
