@@ -1,4 +1,4 @@
-"""Gauss's quadrature, with the same digits on every processor."""
+"""Gauss's quadrature and steps of one ratio, with the same digits on every processor."""
 
 import functools
 import math
@@ -25,6 +25,12 @@ def gauss_legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
         weights[n - 1 - k] = weights[k] = 2.0 / ((1.0 - x * x) * slope * slope)
     nodes.flags.writeable = weights.flags.writeable = False
     return nodes, weights
+
+
+def in_steps(first: float, last: float, n: int) -> list[float]:
+    """Numbers from the first to the last, n >= 2, each the one before times a ratio."""
+    ratio = last / first
+    return [first * ratio ** (k / (n - 1)) for k in range(n)]
 
 
 def _legendre(n: int, x: float) -> tuple[float, float]:

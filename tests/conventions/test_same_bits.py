@@ -23,6 +23,7 @@ OF_NUMPY = {
 DRAWING = "draws; no number of a result passes through it"
 OF_SPARSE = "products of sparse matrices: loops of scipy, compiled for one processor, in the order of the entries"
 EXCEPTIONS = {
+    ("body.softening", "scipy.optimize"): "halves an interval, number by number, and calls no LAPACK",
     ("body.traction_opening", "scipy.optimize"): "what it finds is rounded to three digits",
     ("mesh.generators", "@"): OF_SPARSE,
     ("model.forces", "dot"): "asks only whether all terms are finite",
