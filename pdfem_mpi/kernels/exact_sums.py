@@ -198,13 +198,14 @@ def add_products(x, y, digits):
     terms = np.empty(BLOCK)
     n = x.size
     whole = n // BLOCK * BLOCK
+    block = terms.size  # not the literal, for which numba would compile `add_sized_terms` once more
     for start in range(0, whole, BLOCK):
         top = splat(0.0)
         for k in range(0, BLOCK, W):
             product = load(x, start + k) * load(y, start + k)
             top = largest(magnitude(product), top)
             store(terms, k, product)
-        add_sized_terms(terms, BLOCK, hmax(top), digits)
+        add_sized_terms(terms, block, hmax(top), digits)
         if start // BLOCK % BLOCKS == BLOCKS - 1:
             carry(digits)
     for k in range(n - whole):

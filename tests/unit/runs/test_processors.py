@@ -36,7 +36,7 @@ HELD = (
     Support(face="x-", x="1e-3 * sin(y) ** 3", y="2e-4 * exp(z) * cos(x)", z=0.0),
     Support(face="x+", x="f * 1e-2", y=0.0, z=0.0),
 )
-NO_LOADS = {"loads": (), "output": Output(figures=False, fields=["displacement", "stress", "stress_principal"])}
+NO_LOADS = {"loads": (), "output": Output(figures=False, fields=["displacement", "stress", "principal_stresses"])}
 SCENES = {
     "coupled": lambda: make_scene((8, 3, 3), 4, supports=HELD, solver="cg", **NO_LOADS),
     "finite": lambda: make_scene((6, 3, 2), 3, kinematics="finite", solver="cg", output=NO_LOADS["output"]),
