@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pdfem_mpi.body.areas import Boundary, area_vectors, find_boundary, restore_compatibility
 from pdfem_mpi.body.discretization import Discretization
@@ -155,6 +154,8 @@ def skewed_corners(discretization: Discretization, boundary: Boundary) -> np.nda
     All bonds of a corner's point lie in one octant of a regular grid. Their xyz moment has to vanish, which positive
     factors can only do where points lie exactly in its planes.
     """
+    from scipy.spatial import cKDTree
+
     mesh = discretization.mesh
     corners = np.flatnonzero(np.bincount(boundary.cell, minlength=len(mesh.cells)) >= 3)
     nodes = discretization.nodes[mesh.cells]

@@ -6,7 +6,6 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from pdfem_mpi.body.materials import bond_materials, bond_stretches, materials_of
 from pdfem_mpi.body.softening_law import Shape, Teeth, brittle, make_teeth, strength_factor
@@ -107,6 +106,8 @@ def _ratio(shape: Shape, energy: float, lacks: float, cutoff_ratio: float) -> fl
 
     ``lacks`` is ``(lambda - mu) / mu``. Below `LEAST_RATIO` where there is none.
     """
+    from scipy.optimize import brentq
+
     ratio = shape.ratio(energy)
     if not lacks:
         return ratio

@@ -24,7 +24,6 @@ import functools
 import math
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from pdfem_mpi.body.quadrature import gauss_legendre, in_steps
 from pdfem_mpi.body.softening_law import Shape
@@ -86,6 +85,8 @@ def fit_curve(curve, modulus: float, unit_energy: float, length: float, cutoff_r
 
 @functools.cache
 def _fit(curve, modulus, unit_energy, length, cutoff_ratio) -> tuple[float, float]:
+    from scipy.optimize import least_squares
+
     opening, traction = np.array(curve).T
     energy, first = curve_energy(curve), traction[0] / modulus
     places = (np.arange(OPENINGS) + 0.5) / OPENINGS * opening[-1] * 1.25

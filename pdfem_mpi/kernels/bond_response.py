@@ -8,7 +8,7 @@ every rank; its relative error is about ``0.45 |e|^5``, 1.3e-8 at the limit, 1e-
 import numpy as np
 from numba import njit
 
-from pdfem_mpi.kernels.simd import W, fma, held, largest, load, prefetch, root
+from pdfem_mpi.kernels.simd import W, fma, held, largest, prefetch, root
 
 #: Coefficients of ``phi / e = 1/2 - 3/8 e + ...``
 SERIES = (1 / 2, -3 / 8, 5 / 16, -35 / 128, 63 / 256)
@@ -52,13 +52,13 @@ def ask_ahead(row_offset, row_data, r, o):
 def numbers_of(table):
     """The table's numbers but for ``M``, in registers: read in the loop, each would take the time of a load."""
     return (
-        held(load(table, ZERO)),
-        held(load(table, V1)),
-        held(load(table, V2)),
-        held(load(table, V3)),
-        held(load(table, V4)),
-        held(load(table, V6)),
-        held(load(table, V7)),
+        held(table[ZERO]),
+        held(table[V1]),
+        held(table[V2]),
+        held(table[V3]),
+        held(table[V4]),
+        held(table[V6]),
+        held(table[V7]),
     )
 
 

@@ -117,7 +117,7 @@ def _finite_sweep(closed, failing):
         """
         zero = splat(0.0)
         numbers = numbers_of(table)
-        M = held(load(table, V5))
+        M = held(table[V5])
         peak = splat(extremes[0])
         floor = splat(extremes[1])
         count = counter[0]
@@ -262,7 +262,7 @@ def _linear_sweep(failing):
         bond.
         """
         zero = splat(0.0)
-        M = held(load(table, V5))
+        M = held(table[V5])
         peak = splat(extremes[0])
         count = counter[0]
         after = last

@@ -44,8 +44,8 @@ def _tangent_sweep(closed):
         """
         zero = splat(0.0)
         numbers = numbers_of(table)
-        M = held(load(table, V5))
-        one = held(load(table, V6))
+        M = held(table[V5])
+        one = held(table[V6])
         peak = splat(extremes[0])
         for i in range(first, last):
             r = u8(row_start[i])

@@ -79,12 +79,12 @@ def constants(pattern):
 def _lengthening_numbers(table):
     """Coefficients of ``SERIES``, and one, in registers."""
     return (
-        held(load(table, _A0)),
-        held(load(table, _A1)),
-        held(load(table, _A2)),
-        held(load(table, _A3)),
-        held(load(table, _A4)),
-        held(load(table, V6)),
+        held(table[_A0]),
+        held(table[_A1]),
+        held(table[_A2]),
+        held(table[_A3]),
+        held(table[_A4]),
+        held(table[V6]),
     )
 
 
@@ -238,7 +238,7 @@ def _finite_sweep(closed, failing, weighted):
         zero = splat(0.0)
         one = splat(1.0)
         numbers = _lengthening_numbers(table)
-        M = held(load(table, V5))
+        M = held(table[V5])
         several = scale.shape[0] > 1
         peak = splat(extremes[0])
         floor = splat(extremes[1])
@@ -345,8 +345,8 @@ def _changes(closed, weighted):
         zero = splat(0.0)
         several = scale.shape[0] > 1
         numbers = numbers_of(table)
-        M = held(load(table, V5))
-        one = held(load(table, V6))
+        M = held(table[V5])
+        one = held(table[V6])
         peak = splat(extremes[0])
         for i in range(first, last):
             r = u8(row_start[i])

@@ -42,9 +42,9 @@ if numba.config.DISABLE_JIT:
         """The number ``x`` in all lanes."""
         return np.full(W, x)
 
-    def held(v):
-        """The same lanes, in a register to the compiler's knowledge."""
-        return v
+    def held(x):
+        """The number ``x`` in all lanes."""
+        return np.full(W, x)
 
     def fma(x, y, z):
         """``x * y + z``."""
@@ -187,22 +187,26 @@ else:
 
         return types.void(array, types.intp), codegen
 
+    def _in_all_lanes(builder, x):
+        v = builder.insert_element(ir.Constant(_VF, ir.Undefined), x, ir.Constant(_B, 0))
+        return builder.shuffle_vector(v, v, ir.Constant(ir.VectorType(_B, W), [0] * W))
+
     @intrinsic
-    def held(typingctx, v):
-        """The same lanes, of which the compiler does not know where they come from: it keeps them in a register."""
+    def held(typingctx, x):
+        """The number ``x`` in all lanes, kept in a register: the compiler does not know that it could read it again."""
 
         def codegen(context, builder, sig, args):
-            return builder.asm(ir.FunctionType(_VF, [_VF]), "", "=v,0", [args[0]], False)
+            hidden = builder.asm(ir.FunctionType(_I, [_I]), "", "=r,0", [builder.bitcast(args[0], _I)], False)
+            return _in_all_lanes(builder, builder.bitcast(hidden, _F))
 
-        return v(v), codegen
+        return V4(types.float64), codegen
 
     @intrinsic
     def splat(typingctx, x):
         """The number ``x`` in all lanes."""
 
         def codegen(context, builder, sig, args):
-            v = builder.insert_element(ir.Constant(_VF, ir.Undefined), args[0], ir.Constant(_B, 0))
-            return builder.shuffle_vector(v, v, ir.Constant(ir.VectorType(_B, W), [0] * W))
+            return _in_all_lanes(builder, args[0])
 
         return V4(types.float64), codegen
 

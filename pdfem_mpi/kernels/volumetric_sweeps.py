@@ -62,7 +62,7 @@ def _linear_sweep(weighted):
         """
         zero = splat(0.0)
         several = scale.shape[0] > 1
-        M = held(load(table, V5))
+        M = held(table[V5])
         for i in range(first, last):
             r = u8(row_start[i])
             end = u8(row_start[i + 1])
@@ -125,8 +125,8 @@ def _finite_sweep(closed, weighted):
         zero = splat(0.0)
         several = scale.shape[0] > 1
         numbers = numbers_of(table)
-        M = held(load(table, V5))
-        one = held(load(table, V6))
+        M = held(table[V5])
+        one = held(table[V6])
         for i in range(first, last):
             r = u8(row_start[i])
             end = u8(row_start[i + 1])
@@ -201,8 +201,8 @@ def _tangent_sweep(closed, weighted):
         zero = splat(0.0)
         several = scale.shape[0] > 1
         numbers = numbers_of(table)
-        M = held(load(table, V5))
-        one = held(load(table, V6))
+        M = held(table[V5])
+        one = held(table[V6])
         peak = splat(extremes[0])
         for i in range(first, last):
             r = u8(row_start[i])

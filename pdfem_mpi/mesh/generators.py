@@ -3,8 +3,6 @@
 import math
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from pdfem_mpi.kernels.banded import factor_of_band, solution_of_band
 from pdfem_mpi.mesh.hexmesh import HexMesh
@@ -159,6 +157,8 @@ def _smooth(place, quads, square, n_cells, pitch, hole_radius: float) -> np.ndar
 
     The free nodes minimise the sum of the squares, and from there nearly that of the cubes, of all edge lengths.
     """
+    from scipy import sparse
+
     n_edges = 2 * int(square.sum())
     offset = 0.5 * place[:, 1:] * pitch
     circle = slice(len(place) - n_edges, len(place))
@@ -185,6 +185,8 @@ def _smooth(place, quads, square, n_cells, pitch, hole_radius: float) -> np.ndar
 
 def _solved(matrix, right: np.ndarray) -> np.ndarray:
     """Solutions for right-hand sides (n, k) of a sparse symmetric positive matrix, to the last digits."""
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
     order = reverse_cuthill_mckee(matrix, symmetric_mode=True).astype(np.int64)
     entries = matrix[order][:, order].tocoo()
     lower = entries.row >= entries.col

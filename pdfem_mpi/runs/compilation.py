@@ -171,7 +171,15 @@ def compile_kernels(features: Collection[str] | None = None, share: int = 0, n_s
 
 
 def not_compiled(features: Collection[str] | None = None) -> int:
-    """How many of the kernels are not in the cache."""
+    """How many of the kernels are not in the cache, compiled from this source for this processor."""
     if numba.config.DISABLE_JIT:
         return 0
-    return sum(not os.path.exists(_cache_file(kernel)) for kernel in kernels(features))
+    return sum(not _is_cached(kernel, tuple(signature.args)) for kernel, signature in kernels(features).items())
+
+
+def _is_cached(kernel: Any, arguments: tuple[Any, ...]) -> bool:
+    """Whether the cache, which several kinds of processors may share, has what a compilation would find."""
+    cache = kernel._cache
+    if not os.path.exists(_cache_file(kernel)):
+        return False
+    return cache._index_key(arguments, kernel.targetctx.codegen()) in cache._cache_file._load_index()

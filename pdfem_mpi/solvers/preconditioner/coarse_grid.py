@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product as pairs_of
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import sparse
 
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.kernels.dense import orthonormal_rows, product, without_components
@@ -26,6 +26,9 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.halo import Halo, build_halo
 from pdfem_mpi.solvers.preconditioner.levels import Level, solve
 from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts, nested_levels
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 #: Added to the diagonal, relative: pins the rigid motions of free bodies.
 PIN = 1e-8
@@ -215,6 +218,8 @@ def _stiffness(moments, stiffest, h, counts, ratios, spring: float) -> tuple[np.
     stiffest : float64, shape (n_cells,)
         Largest Young's modulus in each grid cell; a node is pinned in proportion to that around it.
     """
+    from scipy import sparse
+
     active = (moments[: len(ratios), :, 0] > 0.0).any(axis=0)
     cells = cell_nodes(counts)[active]
     number = np.full(int(np.prod(counts + 1)), -1)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import sparse
 
 from pdfem_mpi.kernels.banded import factor_of_band, solution_of_band
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 #: Damping and number of Jacobi steps before and after each correction of a multigrid cycle.
 DAMPING, SMOOTHINGS = 0.5, 2
@@ -78,6 +81,8 @@ def factorise(matrix, number: np.ndarray, counts: np.ndarray) -> Factor:
     ArithmeticError
         The matrix is not positive.
     """
+    from scipy import sparse
+
     index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1))
     nodes = np.lexsort(index[np.argsort(counts, kind="stable")])
     order = (3 * nodes[:, None] + np.arange(3)).reshape(-1)

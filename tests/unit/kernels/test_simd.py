@@ -128,7 +128,7 @@ def apply_unequal(x, y, out):
 def apply_held(x, out):
     prefetch(x, 10**6)
     prefetch(x, -(10**6))
-    store(out, 0, held(load(x, 0)))
+    store(out, 0, held(x[1]))
 
 
 @njit
@@ -235,7 +235,7 @@ def test_either_and_from_bits():
 @pytest.mark.nojit
 def test_what_is_held_or_asked_for_keeps_its_bits():
     """Memory far outside of an array may be asked for; nothing is read there."""
-    assert same_bits(result(apply_held, X), X)
+    assert same_bits(result(apply_held, X), np.full(W, X[1]))
 
 
 @pytest.mark.nojit
