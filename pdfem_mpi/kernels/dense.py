@@ -135,27 +135,27 @@ def eliminate(matrices, right):
 
 
 @njit(inline="always")
-def dot_rows(rows, i, j, n):
-    """Product of two rows of a flat table with rows of length ``n``, summed in four lanes and then behind them."""
+def dot_rows(a, i, b, j, n):
+    """Product of row ``i`` of a flat table and row ``j`` of another, of length ``n``, summed in four lanes at first."""
     whole = n // W * W
     total = splat(0.0)
     for k in range(0, whole, W):
-        total = fma(load(rows, i * n + k), load(rows, j * n + k), total)
+        total = fma(load(a, i * n + k), load(b, j * n + k), total)
     result = hsum(total)
     for k in range(whole, n):
-        result += rows[i * n + k] * rows[j * n + k]
+        result += a[i * n + k] * b[j * n + k]
     return result
 
 
 @njit(inline="always")
-def take_row(rows, i, j, amount, n):
-    """Take ``amount`` times row ``i`` from row ``j``."""
+def take_row(amount, a, i, b, j, n):
+    """Take ``amount`` times row ``i`` of a flat table from row ``j`` of another."""
     whole = n // W * W
     factor = splat(-amount)
     for k in range(0, whole, W):
-        store(rows, j * n + k, fma(factor, load(rows, i * n + k), load(rows, j * n + k)))
+        store(b, j * n + k, fma(factor, load(a, i * n + k), load(b, j * n + k)))
     for k in range(whole, n):
-        rows[j * n + k] -= amount * rows[i * n + k]
+        b[j * n + k] -= amount * a[i * n + k]
 
 
 @njit(**_options)
@@ -178,36 +178,41 @@ def make_orthonormal(rows, count, n, least):
     for j in range(count):
         best, longest = j, -1.0
         for i in range(j, count):
-            square = dot_rows(rows, i, i, n)
+            square = dot_rows(rows, i, rows, i, n)
             if square > longest:
                 best, longest = i, square
         if best != j:
             for k in range(n):
                 rows[j * n + k], rows[best * n + k] = rows[best * n + k], rows[j * n + k]
         for i in range(j):
-            take_row(rows, i, j, dot_rows(rows, i, j, n), n)
-        length = math.sqrt(dot_rows(rows, j, j, n))
+            take_row(dot_rows(rows, i, rows, j, n), rows, i, rows, j, n)
+        length = math.sqrt(dot_rows(rows, j, rows, j, n))
         top = max(top, length)
         if not length > least * top:
             return j
         for k in range(n):
             rows[j * n + k] /= length
         for i in range(j + 1, count):
-            take_row(rows, j, i, dot_rows(rows, j, i, n), n)
+            take_row(dot_rows(rows, j, rows, i, n), rows, j, rows, i, n)
     return count
 
 
 @njit(**_options)
-def remove_rows(rows, count, n):
-    """Take its parts along the first ``count`` rows, which are orthonormal, out of the row behind them.
+def remove_rows(rows, count, x):
+    """Take its parts along orthonormal rows out of a vector.
 
-    ``rows`` is a flat float64 table with rows of length ``n``.
+    Parameters
+    ----------
+    rows : float64, shape (count * n,)
+    count : int
+    x : float64, shape (n,)
+        Overwritten.
     """
     amounts = np.empty(count)
     for i in range(count):
-        amounts[i] = dot_rows(rows, i, count, n)
+        amounts[i] = dot_rows(rows, i, x, 0, x.size)
     for i in range(count):
-        take_row(rows, i, count, amounts[i], n)
+        take_row(amounts[i], rows, i, x, 0, x.size)
 
 
 _f8, _table, _tables = types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1]
@@ -217,7 +222,7 @@ SIGNATURES = {
     decompose: types.void(_tables, _table, _tables),
     eliminate: types.void(_tables, _tables),
     make_orthonormal: _int(_f8, _int, _int, _real),
-    remove_rows: types.void(_f8, _int, _int),
+    remove_rows: types.void(_f8, _int, _f8),
 }
 
 
@@ -267,6 +272,6 @@ def without_components(rows: np.ndarray, x: np.ndarray) -> np.ndarray:
     """A vector (n,) without its parts along orthonormal rows (count, n)."""
     if not len(rows):
         return x
-    work = np.concatenate([rows.reshape(-1), x])
-    remove_rows(work, len(rows), len(x))
-    return work[-len(x) :]
+    result = np.array(x, float)
+    remove_rows(rows.reshape(-1), len(rows), result)
+    return result
