@@ -118,8 +118,7 @@ def _finite_sweep(closed, failing):
         zero = splat(0.0)
         numbers = numbers_of(table)
         M = held(table[V5])
-        peak = splat(extremes[0])
-        floor = splat(extremes[1])
+        peak, floor = splat(extremes[0]), splat(extremes[1])
         count = counter[0]
         after = last
         for i in range(first, last):
