@@ -25,6 +25,7 @@ class Material(Table):
     Attributes
     ----------
     youngs_modulus : float, > 0, dimension force / length^2
+        Young's modulus.
     poissons_ratio : float, above -1 and below 0.5, dimension 1
         From 0 to 0.49 where the material has bonds (peridynamic regions, overlap), which alone have 1/4.
     critical_stretch : float or None, > 0, dimension 1
@@ -135,8 +136,11 @@ class Interface(Table):
     between : two texts
         Names of the materials, in any order; "default" is the table [material].
     youngs_modulus : float or None, > 0, dimension force / length^2
+        Of the bonds across.
     critical_stretch : float or None, > 0, dimension 1
+        At which they break.
     fracture_energy : float or None, > 0, dimension force / length
+        Which gives their critical stretch.
     tensile_strength, softening, kink_stretch_ratio, kink_force_ratio, traction_opening
         As of a material; what is given of these and the two above replaces all of the material's.
     """
