@@ -26,7 +26,7 @@ def test_every_case_has_a_deck_that_takes_its_settings():
     found = cases.cases(fine=True)
     assert len({case.name for case in found}) == len(found)
     for case in found:
-        scene = pdfem_mpi.read_deck(case.experiment.deck, case.overrides())
+        scene = pdfem_mpi.read_deck(case.experiment.deck, [f"{key}={value}" for key, value in case.overrides().items()])
         assert scene.mesh.spacing == case.spacing
         thickness = scene.mesh.upper[2] - scene.mesh.lower[2]
         assert thickness * case.scale == pytest.approx(case.experiment.thickness)
@@ -92,7 +92,8 @@ def test_a_coarse_slice_of_the_danish_beam_is_near_cohesive_elements(tmp_path):
     """To just beyond its peak, by an independent program of the same traction-opening curve."""
     case = cases.Case(cases.EXPERIMENTS["danish_normal"], body=cases.SLICE)
     more = {"stepping.end_load_factor": "0.2", "output.figures": "false", "output.fields": "false", "output.every": "1"}
-    scene = pdfem_mpi.read_deck(case.experiment.deck, case.overrides() | more)
+    settings = case.overrides() | more
+    scene = pdfem_mpi.read_deck(case.experiment.deck, [f"{key}={value}" for key, value in settings.items()])
     pdfem_mpi.run(scene, tmp_path / "run")
     history = pdfem_mpi.open_run(tmp_path / "run").history
     stable = np.isin(history["event"], curves.STABLE)
