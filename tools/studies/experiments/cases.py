@@ -12,6 +12,8 @@ FOLDER = RUNS / "experiments"
 DECKS = JOBS / "experiments"
 #: Thinnest body: one layer of cells between mirror planes, in plane strain.
 SLICE, HALF = "slice", "half"
+#: Short runs end at this fraction of their peak.
+BEYOND = 0.85
 
 
 @dataclass(frozen=True)
@@ -82,10 +84,8 @@ class Case:
         Internal length over the spacing.
     material : str
         Name of the set of material values; empty for those of the deck.
-    more : dict
-        Further keys of the deck.
-    label : str
-        Of them, for the name of the case.
+    short : bool
+        The run ends a little beyond the peak: only that is compared.
     """
 
     experiment: Experiment
@@ -93,8 +93,7 @@ class Case:
     body: str = HALF
     length: float = 1.0
     material: str = ""
-    more: dict[str, str] = field(default_factory=dict, compare=False)
-    label: str = ""
+    short: bool = False
 
     @property
     def spacing(self) -> float:
@@ -105,7 +104,7 @@ class Case:
     def name(self) -> str:
         """Of its folder."""
         length = "" if self.length == 1.0 else f"l{self.length:g}"
-        parts = (self.experiment.name, f"{self.spacing:.4g}", self.body, length, self.material, self.label)
+        parts = (self.experiment.name, f"{self.spacing:.4g}", self.body, length, self.material)
         return "-".join(part for part in parts if part).replace(" ", "_")
 
     @property
@@ -132,7 +131,9 @@ class Case:
             pairs["peridynamics.internal_length"] = repr(self.length * self.spacing)
         if self.material:
             pairs |= self.experiment.sets[self.material]
-        return pairs | self.more
+        if self.short:
+            pairs["stepping.end_reaction"] = repr(BEYOND)
+        return pairs
 
 
 DEFLECTION, CMOD = "deflection at midspan / mm", "opening of the notch / mm"
@@ -181,13 +182,13 @@ EXPERIMENTS = {one.name: one for one in (*TESTS, *PATHS)}
 
 
 def cases(fine: bool) -> list[Case]:
-    """What is run, cheapest first: slices at the coarse cells, half of the thickness, and then finer slices.
+    """What is run, cheapest first: slices at the coarse cells, then at others, and half of the thickness.
 
-    The two internal lengths and the other values of materials are compared on slices.
+    Internal lengths, other values of materials and the finer slices are compared by their peaks.
     """
-    found = [Case(one, body=SLICE) for one in TESTS]
-    found += [Case(one) for one in EXPERIMENTS.values()]
+    found = [Case(one, body=SLICE) for one in EXPERIMENTS.values()]
     found += [Case(one, body=SLICE, material=name) for one in TESTS for name in one.sets]
-    found += [Case(one, body=SLICE, length=0.75) for one in TESTS]
-    found += [Case(one, level=1, body=SLICE) for one in TESTS]
+    found += [Case(one, body=SLICE, length=0.75, short=True) for one in TESTS]
+    found += [Case(one, level=1, body=SLICE, short=True) for one in TESTS]
+    found += [Case(one) for one in TESTS]
     return found + ([Case(one, level=1) for one in EXPERIMENTS.values()] if fine else [])

@@ -47,10 +47,11 @@ def row_of(case: Case) -> list[str] | None:
     memory = f"{max(summary['memory']['peak_bytes_per_rank']) / 2**20:.0f}"
     told, error, fit = compared(curve, experiment, measured)
     words = f"cells {case.spacing:.3g}, l {case.length * case.spacing:.3g}, {case.body}"
-    work = curve.work / (energy_of(case) * experiment.ligament * experiment.thickness)
+    work = f"{curve.work / (energy_of(case) * experiment.ligament * experiment.thickness):.2f}"
+    fit, work = ("", "") if case.short else (fit, work)
     return [
         experiment.title, words + (f", {case.material}" if case.material else ""), told, f"{peak:,.0f} at {at:.3g}",
-        error, fit, f"{work:.2f}", seconds, memory,
+        error, fit, work, seconds, memory,
     ]  # fmt: skip
 
 
@@ -108,7 +109,8 @@ def paths_table(chosen: Sequence[Case]) -> list[str]:
 
 def draw(experiment: Experiment, chosen: Sequence[Case]) -> None:
     """The figure of one experiment."""
-    done = {case: curve for case in chosen if case.experiment is experiment and (curve := read_curve(case))}
+    mine = [case for case in chosen if case.experiment is experiment and not case.short]
+    done = {case: curve for case in mine if (curve := read_curve(case))}
     if not done:
         return
     bodies = sorted({case.body for case in done})
