@@ -5,8 +5,7 @@ import pytest
 
 import pdfem_mpi
 from support.helpers import ROOT
-from tools.studies.experiments import cases, curves
-from tools.studies.experiments.study import compared
+from tools.studies.experiments import cases, curves, study
 
 DECKS = sorted(cases.DECKS.glob("*.toml"))
 #: A coarse slice of the Danish beam against a ligament of cohesive finite elements with the same curve (2,647 N): two
@@ -53,7 +52,7 @@ def test_what_was_measured_names_its_source(one):
 def test_a_missing_curve_is_said(tmp_path, capsys):
     assert curves.read_measured(tmp_path / "lost.csv") is None
     assert "lost.csv is missing" in capsys.readouterr().out
-    assert compared(curves.Curve(np.array([1.0]), np.array([2.0]), 0.0), cases.TESTS[0], None)[0] == "missing"
+    assert study.compared(curves.Curve(np.array([1.0]), np.array([2.0]), 0.0), cases.TESTS[0], None)[0] == "missing"
 
 
 def test_curves_are_compared_where_both_are():
@@ -99,3 +98,9 @@ def test_a_coarse_slice_of_the_danish_beam_is_near_cohesive_elements(tmp_path):
     stable = np.isin(history["event"], curves.STABLE)
     peak = case.scale * np.abs(history["pin.force_y"][stable]).max()
     assert abs(peak / COHESIVE - 1.0) < WITHIN
+
+
+def test_a_dry_run_lists_what_is_left_and_writes_nothing():
+    page = ROOT / "docs" / "experiments.md"
+    before = page.read_bytes()
+    assert study.main(["--dry-run"]) == 0 and page.read_bytes() == before

@@ -41,6 +41,10 @@ class Experiment:
         The material is that which was identified from this very curve.
     sets : dict
         Other values of the material that sources have, as ``--set`` takes them, by their name.
+    internal : float or None, dimension length
+        Internal length of the deck; None: that of the cells.
+    other : float
+        Factor of the internal length in the run that has another.
     path : "y", "x" or ""
         Along which axis the crack runs, where its path is drawn.
     """
@@ -57,6 +61,8 @@ class Experiment:
     energy: float
     identified: bool = False
     sets: dict[str, dict[str, str]] = field(default_factory=dict, compare=False)
+    internal: float | None = None
+    other: float = 0.75
     path: str = ""
 
     @property
@@ -81,7 +87,7 @@ class Case:
     body : "half" or "slice"
         Half of the thickness, or one layer of cells between mirror planes.
     length : float
-        Internal length over the spacing.
+        Factor of the internal length.
     material : str
         Name of the set of material values; empty for those of the deck.
     short : bool
@@ -108,6 +114,11 @@ class Case:
         return "-".join(part for part in parts if part).replace(" ", "_")
 
     @property
+    def internal(self) -> float:
+        """Internal length of its bonds."""
+        return self.length * (self.experiment.internal or self.spacing)
+
+    @property
     def folder(self) -> Path:
         """Of its run."""
         return FOLDER / self.name
@@ -128,7 +139,7 @@ class Case:
             pairs["mesh.upper"] = f"[{x}, {y}, {self.spacing!r}]"
             pairs["mesh.symmetry"] = "[" + ", ".join(f'"{face}"' for face in mirrors) + "]"
         if self.length != 1.0:
-            pairs["peridynamics.internal_length"] = repr(self.length * self.spacing)
+            pairs["peridynamics.internal_length"] = repr(self.internal)
         if self.material:
             pairs |= self.experiment.sets[self.material]
         if self.short:
@@ -169,7 +180,7 @@ TESTS = (
     ),
     Experiment(
         "milan_polymer", "Milan polymer beam", (1.5, 0.75), 15.0, 7.5, "pin.force_y", "deflection.u_y", DEFLECTION,
-        15.0, 0.2507, identified=True,
+        15.0, 0.2507, identified=True, internal=0.75, other=4.0 / 3.0,
     ),
 )  # fmt: skip
 PATHS = (
@@ -188,7 +199,7 @@ def cases(fine: bool) -> list[Case]:
     """
     found = [Case(one, body=SLICE) for one in EXPERIMENTS.values()]
     found += [Case(one, body=SLICE, material=name) for one in TESTS for name in one.sets]
-    found += [Case(one, body=SLICE, length=0.75, short=True) for one in TESTS]
+    found += [Case(one, body=SLICE, length=one.other, short=True) for one in TESTS]
     found += [Case(one, level=1, body=SLICE, short=True) for one in TESTS]
     found += [Case(one) for one in TESTS]
     return found + ([Case(one, level=1) for one in EXPERIMENTS.values()] if fine else [])

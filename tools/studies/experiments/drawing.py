@@ -76,7 +76,7 @@ def label_of(case: Case, bodies: Sequence[str]) -> str:
     """Words for a legend."""
     words = f"cells {case.spacing:.3g}"
     if case.length != 1.0:
-        words += f", l = {case.length:g} cells"
+        words += f", l {case.internal:.3g}"
     if len(bodies) > 1 or case.body == "slice":
         words += f", {case.body}"
     return words + (f", {case.material}" if case.material else "")

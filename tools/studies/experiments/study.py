@@ -7,7 +7,6 @@ by name.
 from __future__ import annotations
 
 import resource
-import sys
 from collections.abc import Sequence
 
 from tools.studies.experiments.cases import EXPERIMENTS, FOLDER, PATHS, Case, Experiment, cases
@@ -46,7 +45,7 @@ def row_of(case: Case) -> list[str] | None:
     seconds = f"{cost['processor_seconds']:,.0f}" if cost else ""
     memory = f"{max(summary['memory']['peak_bytes_per_rank']) / 2**20:.0f}"
     told, error, fit = compared(curve, experiment, measured)
-    words = f"cells {case.spacing:.3g}, l {case.length * case.spacing:.3g}, {case.body}"
+    words = f"cells {case.spacing:.3g}, l {case.internal:.3g}, {case.body}"
     work = f"{curve.work / (energy_of(case) * experiment.ligament * experiment.thickness):.2f}"
     fit, work = ("", "") if case.short else (fit, work)
     return [
@@ -128,7 +127,7 @@ def draw(experiment: Experiment, chosen: Sequence[Case]) -> None:
     )
 
 
-def main(arguments: Sequence[str]) -> None:
+def main(arguments: Sequence[str]) -> int:
     """Run what is left, fill the tables and draw the figures."""
     options = parser_of(__doc__, fine="fine cells at half of the thickness, too").parse_args(arguments)
     everything = cases(fine=True)
@@ -140,8 +139,8 @@ def main(arguments: Sequence[str]) -> None:
         if not (options.dry_run or options.report):
             run(case)
     if options.dry_run:
-        return
+        return 0
     fill(DOCUMENT, {"tests": table_of(everything), "paths": paths_table(everything)})
     for experiment in EXPERIMENTS.values():
         draw(experiment, everything)
-    sys.stdout.flush()
+    return 0

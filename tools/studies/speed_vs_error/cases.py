@@ -80,7 +80,6 @@ def cases(fine: bool) -> list[Case]:
         Case(SOFT, 5.0),
         Case("appendix A", 5.0, keys={correction: "appendix_a"}),
         Case("brittle bonds, in a part", 5.0, keys={"material": BRITTLE}),
-        Case("by relaxation (adr)", 10.0, keys={"solver.kind": "adr"}),
         Case("bonds that soften, everywhere", 5.0, keys=EVERYWHERE),
     ]
     return [*found, Case(SOFT, 2.5)] if fine else found
