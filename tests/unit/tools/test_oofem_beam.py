@@ -11,7 +11,7 @@ PATH = ROOT / "tools" / "benchmarks" / "oofem_beam"
 OUTPUT = """
 Output for time 0.000e+00, solution step number 1
 Node 5 iDof  2 reaction  0.0000e+00    [bc-id: 2]
-Output for time 1.200e+02, solution step number 2
+Output for time 4.400e+01, solution step number 2
 Node 5 iDof  2 reaction -9.0e+01    [bc-id: 2]
 Node 6 iDof  2 reaction -8.0e+01    [bc-id: 2]
 Node 1 iDof  2 reaction  1.7e+02    [bc-id: 1]
