@@ -26,7 +26,7 @@ from pdfem_mpi.results.cursor import free_name
 from pdfem_mpi.runs.environment import environment
 from pdfem_mpi.runs.identity import identity, sha256
 from pdfem_mpi.runs.restart_point import FOLDER, RestartPoint
-from pdfem_mpi.runs.tables import columns_of_broken, make_layout, total_broken, write_tables
+from pdfem_mpi.runs.tables import TURNED, columns_of_broken, make_layout, total_broken, turned_cells, write_tables
 from pdfem_mpi.system import faults
 
 #: So many checkpoints that could not be written, one after the other, end the run.
@@ -100,7 +100,7 @@ class CheckpointWriter:
         started: float,
     ):
         self.comm, self.forces, self.model, self.failure = forces.model.comm, forces, forces.model, failure
-        self.layout = make_layout(share, columns_of_broken(forces.model))
+        self.layout, self.turned = make_layout(share, columns_of_broken(forces.model)), turned_cells(share)
         self.folder, self.keep = out / FOLDER, scene.checkpoint.keep
         self.written = self.failed = self.size = 0
         self.seconds = self.seconds_in_all = 0.0
@@ -109,6 +109,16 @@ class CheckpointWriter:
         self._failures, self._number = 0, 0
         self.good: tuple[State, CheckpointContents] | None = None
         self._fixed = origin_of(scene, share) if self.comm.rank == 0 else {}
+
+    def let_go(self) -> None:
+        """Hold nothing of a body that is about to be made anew."""
+        self.forces = self.model = self.failure = self.good = None
+
+    def take(self, simulation: Any) -> None:
+        """Write checkpoints of the body as a simulation has it now."""
+        self.forces, self.model, self.failure = simulation.forces, simulation.model, simulation.failure
+        self.layout = make_layout(simulation.share, columns_of_broken(self.model))
+        self.turned = turned_cells(simulation.share)
 
     @property
     def elapsed(self) -> float:
@@ -150,6 +160,8 @@ class CheckpointWriter:
             except OSError as error:
                 problem = error
         write_tables(self.model, self.layout, state.fields, contents.broken, writer)
+        if writer and self.turned is not None:
+            writer.write_rows(TURNED, 0, self.turned[:, None])
         self.size, problem = _finish(comm, writer, header, (self.size, problem))
         faults.begin("outcome")
         reason = broadcast(comm, None if problem is None else getattr(problem, "strerror", None) or str(problem))
@@ -204,6 +216,8 @@ class CheckpointWriter:
             self._number = max((number for number, _ in list_checkpoints(self.folder)), default=0)
         path = checkpoint_path(self.folder, self._number + 1)
         tables = self.layout.tables(header["broken_bonds"], header["wide"], state.fields)
+        if self.turned is not None:
+            tables[TURNED] = len(self.turned), 1, np.dtype("<u8")
         return Writer(path, tables, job_name())
 
 

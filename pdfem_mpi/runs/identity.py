@@ -34,6 +34,8 @@ NEWER_DEFAULTS = (
     ("cracks", "kind", "polygon"),
     ("supports", "of", "cells"),
     ("loads", "constant", False),
+    ("regions", "always_elements", False),
+    ("", "adaptive", None),
 )
 #: Where the load goes: what was done already must stay.
 LOAD_FACTORS, TIMES = "stepping.load_factors", "stepping.times"

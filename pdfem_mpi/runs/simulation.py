@@ -23,12 +23,15 @@ from pdfem_mpi.model.parts import positions
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS
+from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.runs.history_rows import history_row
 from pdfem_mpi.runs.memory_estimate import Need
 from pdfem_mpi.runs.memory_report import features_of
 from pdfem_mpi.runs.prepare import cut_again, prepare, warm_up
 from pdfem_mpi.runs.read_columns import make_gauges
 from pdfem_mpi.runs.readings import Readings
+from pdfem_mpi.runs.region_watch import RegionTooSmall, RegionWatch
+from pdfem_mpi.runs.switching import switch
 from pdfem_mpi.solvers.convergence import Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
 from pdfem_mpi.stepping import Report, follow_load_program
@@ -62,6 +65,10 @@ class Simulation(Readings):
         forces, the books of broken bonds (None where none can break), and the solver (None before it is needed).
     gauges : Gauges
         What is read off each state for the columns of probes and named supports.
+    region_watch : RegionWatch or None
+        Where the run finds by itself where bonds are needed.
+    observers : list
+        Of switches: their ``let_go()`` is called before one, and ``take(simulation)`` after it.
 
     Raises
     ------
@@ -89,28 +96,63 @@ class Simulation(Readings):
         if prepared is None:
             warm_up(self.comm, features_of(scene))
             prepared = prepare(scene, self.comm)
-        self.model = build_model(scene, prepared[0], self.comm, caches)
-        self.share, self.need = replace(prepared[0], boundaries=None), prepared[1]  # the whole body goes here
-        self.case = make_load_case(scene, self.share, self.model)
+        self._caches, self.need = caches, prepared[1]
+        self.build(prepared[0])
         self.state = new_state(self.model)
-        self.forces = Forces(self.model, self.state.bounds, evaluations=evaluations)
-        self.failure = make_failure(scene, self.share, self.model)
-        self.gauges = make_gauges(scene, self.share, self.model)
-        self.probe_reader = ProbeReader(scene, self.share, self.model)
+        self._known: dict[str, Any] = {"evaluations": evaluations}
+        self.observers: list[Any] = []
+        self._words: tuple[Note, Any] = (ignore, NO_STOP_REQUESTS)
+        self.assemble()
+
+    def build(self, share: Share) -> None:
+        """Make the equations of a share of the body. Collective."""
+        self.model = build_model(self.scene, share, self.comm, self._caches)
+        self.share = replace(share, boundaries=None)  # the whole body goes here
+        self.case = make_load_case(self.scene, self.share, self.model)
+
+    def assemble(self) -> None:
+        """Make what works on the equations, for the state as it is. Collective."""
+        scene, share, model = self.scene, self.share, self.model
+        self.forces = Forces(model, self.state.bounds, **self._known)
+        self.failure = make_failure(scene, share, model)
+        self.gauges = make_gauges(scene, share, model)
+        self.probe_reader = ProbeReader(scene, share, model)
+        self.region_watch = RegionWatch.of(self) if share.found else None
         self.solver: EquilibriumSolver | None = None
         self._evaluated = False
 
-    def prepare_solver(self, note: Note = ignore, stop_requests: Any = NO_STOP_REQUESTS) -> EquilibriumSolver:
+    def let_go(self) -> None:
+        """Let go of all that hangs on where bonds are, before it is made anew."""
+        for observer in self.observers:
+            observer.let_go()
+        forces = self.forces
+        self._known = {"evaluations": forces.evaluations, "swept": forces.swept, "seconds": forces.seconds}
+        self.model = self.case = self.forces = self.failure = self.solver = None
+        self.gauges = self.probe_reader = self.region_watch = None
+
+    def prepare_solver(self, note: Note | None = None, stop_requests: Any = None) -> EquilibriumSolver:
         """Set up the scene's solver for the loads as they are; ``note`` is called with remarks for the user."""
-        self.solver = make_solver(self.scene, self.share, self.forces, self.case, note, stop_requests)
-        return self.solver
+        self._words = note or self._words[0], stop_requests or self._words[1]
+        solver = make_solver(self.scene, self.share, self.forces, self.case, *self._words)
+        if self.region_watch:
+            solver = replace(solver, look_at_region=self.region_watch.look)
+        self.solver = solver
+        return solver
 
     def follow(self, watch: Watch = ignore) -> Iterator[Report]:
         """Follow the scene's load program from the state on, in model units; see `steps`."""
-        solver = self.solver or self.prepare_solver()
-        for report in follow_load_program(self.scene, solver, self.failure, self.state, self.case, watch):
-            self._evaluated = True
-            yield report
+        while True:
+            solver, turning = self.solver or self.prepare_solver(), None
+            try:
+                for report in follow_load_program(self.scene, solver, self.failure, self.state, self.case, watch):
+                    self._evaluated = True
+                    yield report
+            except RegionTooSmall as found:
+                turning = found.turning
+            if turning is None:
+                return
+            del solver
+            switch(self, turning)
 
     def steps(self, watch: Watch = ignore) -> Iterator[dict[str, Any]]:
         """Follow the scene's load program, and yield a row at each of its equilibria: the columns of history.csv.
@@ -155,6 +197,8 @@ class Simulation(Readings):
     def row(self, report: Report) -> dict[str, Any]:
         """A report of the load program in the deck's units, by the columns of history.csv, at the state as it is."""
         columns = history_row(report, self.share.units, self.failure is not None)
+        if self.share.found:
+            columns = {"switched_energy": 0.0} | columns | {"bonds": total_bonds(self.comm, self.model.bonds)}
         return columns | self.gauges.read(self.comm, self.state.u, report)
 
     @property

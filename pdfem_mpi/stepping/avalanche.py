@@ -79,6 +79,12 @@ class Avalanche:
         self._relax(settings.inner_iterations - 1 if loosely else MOST_SWEEPS)
         return broke
 
+    def settle(self) -> None:
+        """Relax without breaking, after elements were turned: nothing may break on what was only interpolated."""
+        self.ledger.evaluate()
+        self._relax(self.ledger.settings.inner_iterations)
+        self.ledger.evaluate()
+
     def came_apart(self) -> bool:
         """Whether the body does not carry the load any more."""
         ledger = self.ledger
