@@ -86,5 +86,5 @@ def _equilibrium(scene: Scene, share: Share) -> tuple[Foretelling, np.ndarray]:
     try:
         cg.solve(forces, state, case.forces(factor), case.fixed, TOLERANCE, most, preconditioner)
     except (Breakdown, NotConverged, NotFinite) as error:
-        raise SceneError([f"the equilibrium of elements alone, for the first region, was not found: {error}"]) from error
+        raise SceneError([f"the equilibrium of elements alone was not found, for the first region: {error}"]) from None
     return Foretelling(scene, share, model), state.u

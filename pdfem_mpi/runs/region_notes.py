@@ -15,6 +15,6 @@ def describe_switch(simulation: Simulation) -> str:
     found, program = simulation.share.found, simulation.state.program
     bonds = total_bonds(simulation.comm, simulation.model.bonds)
     return (
-        f"switch {int(program['switches'])}: {len(found.turned):,} cells of bonds that may fail, {bonds:,} bonds in all; "
+        f"switch {int(program['switches'])}: {len(found.turned):,} cells of bonds that may fail, {bonds:,} bonds; "
         f"{found.left:,} cells could still be turned"
     )

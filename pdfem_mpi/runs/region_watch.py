@@ -94,9 +94,9 @@ class RegionWatch:
         where = self._first(self.simulation.share.mesh.cell_id[places])
         return (
             f"{self._so_far()} the damage comes within adaptive.reach = {self.simulation.scene.adaptive.reach:g} of "
-            f"cells that must stay elements, at {where}: beside them no bond may fail, and what follows would not be the "
-            "body's. Supports, loads, regions of elements, always_elements and may_fail = false make cells stay: move "
-            "them away, or end the run before, by stepping.end_reaction or end_load_factor."
+            f"cells that must stay elements, at {where}: beside them no bond may fail, and what follows would not be "
+            "the body's. Supports, loads, regions of elements, always_elements and may_fail = false make cells stay: "
+            "move them away, or end the run before, by stepping.end_reaction or end_load_factor."
         )
 
     def _describe_small(self, top: float, seeds: np.ndarray) -> str:

@@ -87,7 +87,8 @@ def _wider_share(simulation: Simulation, turning: Turning) -> Share:
     if bonds > settings.max_bonds:
         raise NotConverged(
             f"the region of bonds would grow to about {bonds:.3g} bonds, and adaptive.max_bonds = "
-            f"{settings.max_bonds:g} ends the run. Raise it, use larger cells, or let the region grow by less: adaptive.growth."
+            f"{settings.max_bonds:g} ends the run. Raise it, use larger cells, or let the region grow by less at a "
+            "time: adaptive.growth."
         )
     return share
 
