@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Interface, Material, all_materials
 from pdfem_mpi.deck.meshes import Mesh
@@ -38,9 +38,8 @@ class Adaptive(Table):
         Layers of cells around them whose bonds may not fail.
     max_bonds : float, > 0, dimension 1
         A region with more of them ends the run.
-    widening_check : bool or "peak"
-        At the first break, and with "peak" at the end for the peak as well: solve once more with a region that is three
-        times as wide, and report the difference.
+    widening_check : bool
+        At the first break, solve once more with a region that is three times as wide, and report what that changes.
     pilot : str or None
         Run folder of the same body on coarser cells: what is near its broken bonds is turned from the beginning.
     pilot_distance : float or None, > 0, dimension length
@@ -52,7 +51,7 @@ class Adaptive(Table):
     growth: float = key(6.0, ge=0, le=1000, dimension="1")
     buffer_layers: int = key(2, ge=1, le=10)
     max_bonds: float = key(1.0e9, gt=0, dimension="1")
-    widening_check: bool | Literal["peak"] = key(True)
+    widening_check: bool = key(True)
     pilot: str | None = key(None, min_length=1)
     pilot_distance: float | None = key(None, gt=0, dimension="length")
 

@@ -11,7 +11,9 @@ from pdfem_mpi.body.found_region import Turning
 from pdfem_mpi.measure.foretelling import Foretelling
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.runs.widening import estimate_error
 from pdfem_mpi.solvers.convergence import NotConverged
+from pdfem_mpi.stepping import Report
 
 if TYPE_CHECKING:
     from pdfem_mpi.runs.simulation import Simulation
@@ -80,6 +82,15 @@ class RegionWatch:
         if not settings.growth:
             raise NotConverged(self._describe_small(top, seeds))
         raise RegionTooSmall(Turning(found.turned, seeds, settings.growth))
+
+    def hear(self, report: Report) -> None:
+        """Estimate the error at the first break. Collective."""
+        program, wanted = self.simulation.state.program, self.simulation.scene.adaptive.widening_check
+        if wanted and report.event == "critical" and not report.broken and "widened" not in program:
+            error = estimate_error(self.simulation, report.reaction)
+            program["widened"] = float(error is not None)
+            if error is not None:
+                program["error"] = error
 
     def _damaged(self) -> np.ndarray:
         """Places in the share of the cells at the ends of the rank's broken bonds; int64."""

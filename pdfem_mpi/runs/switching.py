@@ -18,6 +18,7 @@ from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.model.bounds import Bounds
 from pdfem_mpi.parallel.comm import broadcast, sum_integers
 from pdfem_mpi.parallel.slabs import gather_pairs, redistribute
+from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.peridynamics.clusters import cluster_layout
 from pdfem_mpi.runs.memory_estimate import estimate
 from pdfem_mpi.runs.prepare import cut_share
@@ -38,8 +39,9 @@ def switch(simulation: Simulation, turning: Turning) -> None:
     """
     state, comm = simulation.state, simulation.comm
     before = _stored(simulation)
+    count_bonds(simulation)
     share = _wider_share(simulation, turning)
-    u_points, u_nodes = _carry_over(simulation, share)
+    u_points, u_nodes = carry_over(simulation, share)
     broken = _broken_pairs(simulation, share)
     books = simulation.failure.dissipated_digits.copy() if simulation.failure else None
     count, last = (simulation.failure.count, simulation.failure.last_extent) if simulation.failure else (0, None)
@@ -63,8 +65,20 @@ def switch(simulation: Simulation, turning: Turning) -> None:
     program["switched"] = program.get("switched", 0.0) + before - _stored(simulation)
     program["switches"] = program.get("switches", 0.0) + 1.0
     program["interpolated"] = program["fresh"] = 1.0
+    count_bonds(simulation)
     for observer in simulation.observers:
         observer.take(simulation)
+
+
+def count_bonds(simulation: Simulation) -> None:
+    """Book how many bonds the run has, and for how many evaluations it had so many since the last time. Collective."""
+    program, evaluations = simulation.state.program, float(simulation.forces.evaluations)
+    bonds = float(total_bonds(simulation.comm, simulation.model.bonds))
+    program.setdefault("bonds_first", bonds)
+    program["bonds_largest"] = max(program.get("bonds_largest", 0.0), bonds)
+    since = program.get("counted_at", 0.0)
+    program["bond_sweeps"] = program.get("bond_sweeps", 0.0) + (evaluations - since) * bonds
+    program["counted_at"] = evaluations
 
 
 def _stored(simulation: Simulation) -> float:
@@ -93,7 +107,7 @@ def _wider_share(simulation: Simulation, turning: Turning) -> Share:
     return share
 
 
-def _carry_over(simulation: Simulation, share: Share) -> tuple[np.ndarray, np.ndarray]:
+def carry_over(simulation: Simulation, share: Share) -> tuple[np.ndarray, np.ndarray]:
     """Displacements of the free points, (n, 8, 3), and nodes, (m, 3), of a new share. Collective."""
     old, model, comm = simulation.share, simulation.model, simulation.comm
     foretelling = simulation.region_watch.foretelling
