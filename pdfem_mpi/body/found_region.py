@@ -193,12 +193,12 @@ def _within(centroids: np.ndarray, chosen: np.ndarray, radius: float) -> np.ndar
 def _can_turn(scene: Scene, elements: Discretization) -> np.ndarray:
     """Cells that could be described by bonds that may fail; bool, shape (n_cells,).
 
-    Not those that the deck says stay, nor what is held or loaded: that stays elements, with room for the layers of
-    bonds that may not fail and for the overlap.
+    Not those that the deck says stay, nor cells so coarse that a point would not reach the next, nor what is held or
+    loaded: that stays elements, with room for the layers of bonds that may not fail and for the overlap.
     """
     mesh = elements.mesh
     stays = np.array([r.model != "auto" or r.always_elements or r.may_fail is False for r in scene.regions])
-    stays = stays[elements.region]
+    stays = stays[elements.region] | (mesh.edges().max(axis=0) > elements.cutoff * elements.units.length)
     used = _used_cells(scene, elements)
     for _ in range(scene.coupling.overlap):
         used = mesh.neighbours(used) if used.any() else used

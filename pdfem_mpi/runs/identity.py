@@ -122,7 +122,7 @@ def _may_fail(scene: Scene, share: Share) -> dict[str, bool]:
     return {
         f"regions.{index}.may_fail": True
         for index, region in enumerate(scene.regions)
-        if region.may_fail is None and (region.model == "peridynamics" or index not in overlap)
+        if region.may_fail is None and (region.model != "finite_elements" or index not in overlap)
     }
 
 
