@@ -28,7 +28,7 @@ class Region(Table):
     name : str
         Loads, supports and probes refer to the region by it.
     model : "finite_elements", "peridynamics" or "auto"
-        Elements; bonds that can break; or elements, and bonds where the run finds that they are needed (``[adaptive]``).
+        Elements; bonds that can break; or elements, and bonds where the run finds that they are needed (`[adaptive]`).
     material : str
         Name of a table [materials.NAME]; "default" (the default) is the table [material].
     lower, upper : three floats or None, dimension length
