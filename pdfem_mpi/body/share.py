@@ -48,6 +48,13 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
 
+#: What a share has of each cell of the whole body.
+OF_CELLS = (
+    "region", "material", "is_peridynamic", "has_points", "is_overlap", "has_stiffness", "body", "point_row",
+    "free_row",
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Share:
     """What a rank knows of the body. Rows of arrays are the cells and nodes of ``mesh``, which has their numbers.
@@ -84,18 +91,14 @@ class Share:
         Sizes of the body; edge of cells taken as cubes, the median over the body, model units.
     joint_regions, overlap_regions : int64
         Regions with peridynamic cells that follow nodes, and those with overlap cells; rising.
-    quality : Quality
-        Of the whole mesh.
-    notes, crack_notes : tuple of str
-        What a user should know of the mesh, and of cracks through the overlap.
+    quality, notes, crack_notes : Quality, tuples of str
+        Of the whole mesh; what a user should know of it, and of cracks through the overlap.
     mesh_sha256, body_sha256 : str
         Of the mesh's content, and of nodes, cells and regions in model units.
     probes, selections : dict of Weights, Selections
         What columns of probes read; where the deck's loads and supports act, and what its probes of sets read.
-    boundaries : Boundaries or None
-        What the fit of bond factors asks of the body, where the deck wants one.
-    found : FoundRegion or None
-        What a region of bonds that the run finds is, where the deck has one.
+    boundaries, found : Boundaries, FoundRegion, or None
+        What the fit of bond factors asks of the body; a region of bonds that the run finds. Where the deck wants them.
     """
 
     comm: Intracomm
@@ -251,16 +254,8 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm, region: Who
         nodes=of_nodes(whole.nodes),
         lower=centred[0],
         upper=centred[1],
-        region=of_cells(whole.region),
-        material=of_cells(whole.material),
         materials=whole.materials,
-        is_peridynamic=of_cells(whole.is_peridynamic),
-        has_points=of_cells(whole.has_points),
-        is_overlap=of_cells(whole.is_overlap),
-        has_stiffness=of_cells(whole.has_stiffness),
-        body=of_cells(whole.body),
-        point_row=of_cells(whole.point_row),
-        free_row=of_cells(whole.free_row),
+        **{name: of_cells(getattr(whole, name)) for name in OF_CELLS},
         element_row=of_cells(np.where(whole.has_nodes, np.cumsum(whole.has_nodes) - 1, -1)),
         node_row=of_nodes(whole.node_row),
         cutoff=whole.cutoff,

@@ -59,7 +59,26 @@ class CheckpointContents(NamedTuple):
         return cls(forces.evaluations, failure.broken_pairs(), books)
 
 
-class CheckpointWriter:
+class OfOneBody:
+    """What checkpoints are written of: a share of the body, and its equations."""
+
+    good: tuple[State, CheckpointContents] | None = None
+
+    def describe(self, share: Share, forces: Forces, failure: Failure | None) -> None:
+        """Write checkpoints of these."""
+        self.forces, self.model, self.failure = forces, forces.model, failure
+        self.layout, self.turned = make_layout(share, columns_of_broken(forces.model)), turned_cells(share)
+
+    def let_go(self) -> None:
+        """Hold nothing of a body that is about to be made anew."""
+        self.forces = self.model = self.failure = self.good = None
+
+    def take(self, simulation: Any) -> None:
+        """Write checkpoints of the body as a simulation has it now."""
+        self.describe(simulation.share, simulation.forces, simulation.failure)
+
+
+class CheckpointWriter(OfOneBody):
     """Writes checkpoints, all ranks together, and keeps count of failures.
 
     Parameters
@@ -99,8 +118,8 @@ class CheckpointWriter:
         start: RestartPoint,
         started: float,
     ):
-        self.comm, self.forces, self.model, self.failure = forces.model.comm, forces, forces.model, failure
-        self.layout, self.turned = make_layout(share, columns_of_broken(forces.model)), turned_cells(share)
+        self.comm = forces.model.comm
+        self.describe(share, forces, failure)
         self.folder, self.keep = out / FOLDER, scene.checkpoint.keep
         self.written = self.failed = self.size = 0
         self.seconds = self.seconds_in_all = 0.0
@@ -109,16 +128,6 @@ class CheckpointWriter:
         self._failures, self._number = 0, 0
         self.good: tuple[State, CheckpointContents] | None = None
         self._fixed = origin_of(scene, share) if self.comm.rank == 0 else {}
-
-    def let_go(self) -> None:
-        """Hold nothing of a body that is about to be made anew."""
-        self.forces = self.model = self.failure = self.good = None
-
-    def take(self, simulation: Any) -> None:
-        """Write checkpoints of the body as a simulation has it now."""
-        self.forces, self.model, self.failure = simulation.forces, simulation.model, simulation.failure
-        self.layout = make_layout(simulation.share, columns_of_broken(self.model))
-        self.turned = turned_cells(simulation.share)
 
     @property
     def elapsed(self) -> float:

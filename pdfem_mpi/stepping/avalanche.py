@@ -127,7 +127,7 @@ class Avalanche:
         program["cuts"] = program["cuts"] + 1.0 if fraction < wanted else 0.0
         if program["cuts"]:
             program["fresh"] = 1.0  # no sign of stagnation
-            self._refuse_small_steps()
+            _refuse_small_steps(ledger)
         elif runs_away:
             program["adrift"] += 1.0
         if fraction < 1.0:
@@ -179,13 +179,13 @@ class Avalanche:
                 f"{place}. {last_breaks(ledger)}"
             )
 
-    def _refuse_small_steps(self) -> None:
-        ledger = self.ledger
-        if ledger.state.program["cuts"] > MOST_CUTS:
-            raise NotConverged(
-                f"after {ledger.failure.count:,} broken bonds some part turns or moves so far that {MOST_CUTS} steps "
-                f"in a row had to be cut, and breaks nothing. {last_breaks(ledger)}"
-            )
+
+def _refuse_small_steps(ledger: Ledger) -> None:
+    if ledger.state.program["cuts"] > MOST_CUTS:
+        raise NotConverged(
+            f"after {ledger.failure.count:,} broken bonds some part turns or moves so far that {MOST_CUTS} steps "
+            f"in a row had to be cut, and breaks nothing. {last_breaks(ledger)}"
+        )
 
 
 def _bearable(ledger: Ledger, step: np.ndarray, fraction: float) -> float:
