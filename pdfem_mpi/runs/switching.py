@@ -8,12 +8,14 @@ the difference is booked.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pdfem_mpi.body.found_region import Turning
 from pdfem_mpi.body.share import Share
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.model.bounds import Bounds
 from pdfem_mpi.parallel.comm import broadcast, sum_integers
@@ -97,7 +99,7 @@ def _wider_share(simulation: Simulation, turning: Turning) -> Share:
         raise NotConverged(f"the region of bonds cannot grow: {' '.join(error.messages)}") from error
     if share.mesh_sha256 != simulation.share.mesh_sha256:
         raise NotConverged(f"mesh.path = {scene.mesh.path} has changed since the run began.")
-    bonds = sum_integers(comm, np.array([int(estimate(scene, share).bonds)])).item()
+    bonds = bonds_of(scene, share, settings.max_bonds)
     if bonds > settings.max_bonds:
         raise NotConverged(
             f"the region of bonds would grow to about {bonds:.3g} bonds, and adaptive.max_bonds = "
@@ -105,6 +107,15 @@ def _wider_share(simulation: Simulation, turning: Turning) -> Share:
             "time: adaptive.growth."
         )
     return share
+
+
+def bonds_of(scene: Scene, share: Share, matters: float) -> float:
+    """Bonds of all ranks, about; a number that is too large where it is below what matters. Collective."""
+    within = (share.cutoff + 2.0 * share.typical_edge) / share.typical_edge
+    most = share.counts.point_cells * 32.0 * 4.0 / 3.0 * math.pi * within**3
+    if most <= matters:
+        return most
+    return float(sum_integers(share.comm, np.array([int(estimate(scene, share).bonds)]))[0])
 
 
 def carry_over(simulation: Simulation, share: Share) -> tuple[np.ndarray, np.ndarray]:

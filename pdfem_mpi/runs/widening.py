@@ -15,11 +15,9 @@ from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import build_model
 from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.model.state import new_state
-from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.clusters import cluster_layout
-from pdfem_mpi.runs.memory_estimate import estimate
 from pdfem_mpi.runs.prepare import cut_share
-from pdfem_mpi.runs.switching import carry_over
+from pdfem_mpi.runs.switching import bonds_of, carry_over
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
@@ -57,8 +55,7 @@ def estimate_error(simulation: Simulation, own: float) -> float | None:
         share = cut_share(simulation.scene, simulation.comm, Turning(found.turned, found.turned, width))
     except SceneError:  # bonds would leave no element
         return None
-    bonds = sum_integers(simulation.comm, np.array([int(estimate(simulation.scene, share).bonds)])).item()
-    if bonds > settings.max_bonds:
+    if bonds_of(simulation.scene, share, settings.max_bonds) > settings.max_bonds:
         return None
     wider = _reaction_at_break(simulation, share)
     return None if wider is None or own == 0.0 else OF_THE_CHANGE * (own - wider) / own
