@@ -1,5 +1,7 @@
 """Regions of bonds that a run finds: they follow the crack, and nothing is lost where elements are turned."""
 
+import weakref
+
 import pytest
 
 from pdfem_mpi import Simulation
@@ -96,3 +98,20 @@ def test_the_error_is_estimated():
     true = first["reaction"] / reference["reaction"] - 1.0
     assert abs(true) < OF_LOADS
     assert simulation.state.program["error"] == pytest.approx(true, rel=0.7)
+
+
+def test_the_old_body_is_gone_before_the_new_one_is_made(monkeypatch):
+    """A switch never holds the bonds of two bodies."""
+    simulation, alive, build = Simulation(plate(), mpi().COMM_SELF), [], Simulation.build
+    old = [weakref.ref(simulation.model)]
+
+    def watched(self, share):
+        alive.append(old[0]() is not None)
+        build(self, share)
+        old[0] = weakref.ref(self.model)
+
+    monkeypatch.setattr(Simulation, "build", watched)
+    for _ in simulation.steps():
+        if simulation.state.program.get("switches") == 1.0:
+            break
+    assert alive == [False]
