@@ -49,7 +49,7 @@ SCENES = {
 def run(folder, scene, processors):
     """Run a scene on as many ranks as processors are given; return all of its results."""
     folder.mkdir()
-    write_deck(scene, folder / "deck.toml")
+    (folder / "deck.toml").write_text(write_deck(scene))
     try:
         start, additions = ([], {}) if len(processors) == 1 else mpirun_command(len(processors))
     except LaunchError as error:
