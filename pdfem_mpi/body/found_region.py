@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: Distances are compared with this relative tolerance, so that twins in a mirror are turned together.
 DISTANCE_TOLERANCE = 1e-9
+#: Tables of the deck that hold or pull at places.
+HOLDING = ("loads", "supports", "springs", "ties")
 
 
 @dataclass(frozen=True)
@@ -209,11 +211,13 @@ def _can_turn(scene: Scene, elements: Discretization) -> np.ndarray:
 
 
 def _used_cells(scene: Scene, elements: Discretization) -> np.ndarray:
-    """Cells at which supports and loads hold or pull; bool, shape (n_cells,). Forces on volumes act on both kinds."""
+    """Cells at which something holds or pulls; bool, shape (n_cells,). Forces on volumes act on both descriptions."""
     found = select_places(scene, elements)
+    tables = [(getattr(scene, kind, ()), getattr(found, kind, ())) for kind in HOLDING]
+    pairs = [pair for entries, chosen in tables for pair in zip(entries, chosen, strict=True)]
     used = np.zeros(len(elements.mesh.cells), bool)
     nodes = np.zeros(len(elements.mesh.nodes), bool)
-    for entry, chosen in zip((*scene.loads, *scene.supports), (*found.loads, *found.supports), strict=True):
+    for entry, chosen in pairs:
         if chosen is None or isinstance(entry, BodyForce):
             continue
         if isinstance(chosen, ChosenFaces):
