@@ -105,7 +105,24 @@ class Force(Table):
 Load = Annotated[BodyForce | Traction | Pressure | Force, Field(discriminator="kind")]
 
 
-class Support(Selection):
+class Places(Selection):
+    """Nodes and peridynamic points: those of cells, or narrower than a cell, on a line, at a point or in a box."""
+
+    of: Literal["cells", "nodes"] = key("cells")
+    point: Vector | None = key(None, dimension="length")
+    line: tuple[Vector, Vector] | None = key(None, dimension="length")
+
+    def problems(self) -> list[Problem]:
+        """One selection."""
+        problems = self._selection_problems(("region", "face", "set", "point", "line"))
+        if self.of == "nodes" and self.lower is None and self.upper is None:
+            problems.append(Problem("of", '= "nodes" goes with lower and upper. Add them, or remove it.'))
+        if self.line is not None and self.line[0] == self.line[1]:
+            problems.append(Problem("line", f"= {show(self.line)} has no length. Give two ends, or use point."))
+        return problems
+
+
+class Support(Places):
     """Prescribed displacement components; deck tables ``[[supports]]``.
 
     Attributes
@@ -129,20 +146,13 @@ class Support(Selection):
     """
 
     name: str | None = key(None)
-    of: Literal["cells", "nodes"] = key("cells")
-    point: Vector | None = key(None, dimension="length")
-    line: tuple[Vector, Vector] | None = key(None, dimension="length")
     x: float | str | None = key(None, dimension="length")
     y: float | str | None = key(None, dimension="length")
     z: float | str | None = key(None, dimension="length")
 
     def problems(self) -> list[Problem]:
         """One selection, and something prescribed."""
-        problems = self._selection_problems(("region", "face", "set", "point", "line")) + plain_name(self.name)
-        if self.of == "nodes" and self.lower is None and self.upper is None:
-            problems.append(Problem("of", '= "nodes" goes with lower and upper. Add them, or remove it.'))
-        if self.line is not None and self.line[0] == self.line[1]:
-            problems.append(Problem("line", f"= {show(self.line)} has no length. Give two ends, or use point."))
+        problems = super().problems() + plain_name(self.name)
         for name in AXES:
             if isinstance(amount := getattr(self, name), str):
                 problems += formula_problems(name, amount)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,16 +29,20 @@ class Gauges:
         By the names of their columns.
     supports : dict of int
         Number of each named support.
+    springs : dict of int
+        Number of each named table of springs.
     """
 
     units: ModelUnits
     of_displacements: dict[str, Gauge]
     supports: dict[str, int]
+    springs: dict[str, int]
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns."""
-        return (*self.of_displacements, *(f"{name}.force_{axis}" for name in self.supports for axis in AXES))
+        held = (*self.supports, *self.springs)
+        return (*self.of_displacements, *(f"{name}.force_{axis}" for name in held for axis in AXES))
 
     def read(self, comm, u: np.ndarray, report: Report) -> dict[str, Any]:
         """The columns at a state and its report, in the deck's units. Collective.
@@ -47,8 +52,10 @@ class Gauges:
         u : float64, shape (n_unknowns,), dimension length
         """
         found = {name: gauge.read(comm, u) * self.units.length for name, gauge in self.of_displacements.items()}
-        for name, number in self.supports.items():
-            for axis, force in zip(AXES, report.of_supports[number].tolist(), strict=True):
+        of_names = {name: report.of_supports[number] for name, number in self.supports.items()}
+        of_names |= {name: report.of_springs[number] for name, number in self.springs.items()}
+        for name, resultant in of_names.items():
+            for axis, force in zip(AXES, resultant.tolist(), strict=True):
                 found[f"{name}.force_{axis}"] = force * self.units.force
         return found
 
@@ -61,5 +68,11 @@ def all_columns(simulation: Any) -> tuple[str, ...]:
 def make_gauges(scene: Scene, share: Share, model: Model) -> Gauges:
     """What the deck's probes and named supports ask for."""
     found = {name: gauge_of(share, model, weights) for name, weights in share.probes.items()}
-    supports = {support.name: index for index, support in enumerate(scene.supports) if support.name is not None}
-    return Gauges(share.units, found, supports)
+    for group in model.ties.groups if model.ties else ():
+        if (name := scene.ties[group.table].name) is not None:
+            found[f"{name}.u_{AXES[group.axis]}"] = Gauge(group.index, group.ones / group.count)
+    return Gauges(share.units, found, _numbers(scene.supports), _numbers(scene.springs))
+
+
+def _numbers(tables: Sequence[Any]) -> dict[str, int]:
+    return {table.name: index for index, table in enumerate(tables) if table.name is not None}

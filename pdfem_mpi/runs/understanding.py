@@ -21,7 +21,7 @@ from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase, make_load_case
 from pdfem_mpi.model.model import Model, build_model
 from pdfem_mpi.model.motions import name_motion
-from pdfem_mpi.model.parts import describe_unsupported
+from pdfem_mpi.model.parts import describe_unsupported, positions
 from pdfem_mpi.model.resultants import resultant_of
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import largest, sum_integers
@@ -92,6 +92,7 @@ def describe(scene: Scene, share: Share, found: Understood) -> Iterator[tuple[st
     yield from _regions(scene, share)
     yield from _loads(scene, share)
     yield from _supports(scene, share, found)
+    yield from _restraints(scene, share, found.model)
     for index, (crack, cut) in enumerate(zip(scene.cracks, found.model.cut, strict=False)):
         corners = np.array(crack.polygon)
         what = f"cuts {cut:,} bonds" if cut else "cuts no bond: it does not pass through peridynamic cells"
@@ -145,6 +146,32 @@ def _supports(scene: Scene, share: Share, found: Understood) -> Iterator[tuple[s
         cells[share.selections.supports[index].cells] = True
         place = _box_of(share, cells & share.is_owned, None, scene)
         yield f"supports.{index}", f"{', '.join(amounts)}; in cells {place}"
+
+
+def _restraints(scene: Scene, share: Share, model: Model) -> Iterator[tuple[str, str]]:
+    """Springs with their stiffness, and ties, each with its places."""
+    force, length = scene.units.force, scene.units.length
+    unit = f" {force}/{length}" if force and length else ""
+    for index, spring in enumerate(scene.springs):
+        places = np.concatenate([places for places, _ in model.springs.tables[3 * index : 3 * index + 3]])
+        stiffness = ", ".join(f"{k:.6g}" for k in spring.stiffness)
+        yield f"springs.{index}", f"stiffness ({stiffness}){unit} in all {_at(scene, model, places)}"
+    groups = model.ties.groups if model.ties else ()
+    for index, tie in enumerate(scene.ties):
+        places = np.concatenate([group.index for group in groups if group.table == index])
+        yield f"ties.{index}", f"one displacement along {', '.join(tie.along)} {_at(scene, model, places)}"
+
+
+def _at(scene: Scene, model: Model, index: np.ndarray) -> str:
+    """How many points and nodes some unknowns belong to, and the box around them. Collective."""
+    chosen = np.zeros(model.n_unknowns, bool)
+    chosen[index] = True
+    rows = model.unknowns.rows(chosen).any(axis=1)
+    (count,) = sum_integers(model.comm, np.array([np.count_nonzero(rows)])).tolist()
+    x = positions(model)[rows] * model.units.length + model.units.origin
+    ends = [(-x).max(axis=0), x.max(axis=0)] if len(x) else [np.full(3, -np.inf)] * 2
+    low, high = largest(model.comm, np.concatenate(ends)).reshape(2, 3)
+    return f"at {count:,} points and nodes; {_box(-low, high, scene.units.length)}"
 
 
 def _free_motions(scene: Scene, share: Share, case: LoadCase) -> str:

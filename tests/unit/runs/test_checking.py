@@ -12,6 +12,7 @@ from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs.checking import check_scene
 from pdfem_mpi.runs.simulation import Simulation
 from support.bodies import make_scene
+from support.held import beam
 from support.helpers import run_pdfem
 from support.random_decks import random_scene
 from support.tiny import TINY
@@ -106,6 +107,15 @@ def test_what_was_understood_is_told():
     # sum of nodes and points by hand: 12 + 4 bytes of a point, 12 of a node; every node and cell of the body
     points, nodes = 8 * (16 + 4), 5 * 9
     assert rows["disk, about"].startswith(f"{(12 * points + 12 * nodes + 12 * 81 + 4 * 32) / 1e3:.0f} kB a frame")
+
+
+def test_springs_and_ties_are_told():
+    rows = check_scene(beam(), mpi().COMM_SELF)
+    # on bonds a row of points beside the line: two of each of two cells
+    assert rows["springs.0"].startswith("stiffness (0, 500, 0) in all at 4 points and nodes; x ")
+    assert rows["springs.1"].startswith("stiffness (3, 0, 0) in all at 32 points and nodes; x ")
+    assert rows["ties.0"].startswith("one displacement along y at 24 points and nodes; x 5.2")
+    assert rows["free motions"] == "none: supports hold the body"
 
 
 def test_free_motions_are_named():
