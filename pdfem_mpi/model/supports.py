@@ -73,7 +73,7 @@ def prescribe(scene: Scene, share: Share, model: Model, messages: list[str]) -> 
         where = f"supports.{index}"
         messages += share.selections.problems["supports"][index]
         sizes = [0.0]
-        for d, amount in enumerate((support.x, support.y, support.z) if chosen else ()):
+        for d, amount in enumerate(support.amounts if chosen else ()):
             if amount is None:
                 continue
             of_points, of_nodes = (rows[:, d] for rows in places.unknowns(chosen))

@@ -137,7 +137,7 @@ def _supports(scene: Scene, share: Share, found: Understood) -> Iterator[tuple[s
         counts = sum_integers(share.comm, np.array([len(held) for held in found.case.held[index]]))
         amounts = []
         for axis, count in zip("xyz", counts.tolist(), strict=True):
-            amount = getattr(support, axis, None)
+            amount = support.amounts["xyz".index(axis)]
             if amount is not None or count:
                 number = isinstance(amount, int | float)
                 told = f" = {amount:.6g}{unit}" if number else f" = {amount}" if amount is not None else ""
