@@ -52,13 +52,15 @@ class PointProbe(Table):
 class SetProbe(Selection):
     """Means and extremes over a set of cells; a ``[[probes]]`` table with ``kind = "set"``.
 
+    The mean displacement is also in history.csv: ``NAME.u_x``, ``NAME.u_y`` and ``NAME.u_z``.
+
     Attributes
     ----------
     name : str
     region, face, set, layers, lower, upper
         Where, as for a body force.
     fields : names
-        Of the mechanical fields.
+        Of the displacement (its mean over the volume alone) and the mechanical fields.
     """
 
     kind: Literal["set"]
@@ -67,7 +69,12 @@ class SetProbe(Selection):
 
     def problems(self) -> list[Problem]:
         """One selection, and names of fields."""
-        return super().problems() + names_problems(self.fields, MECHANICAL_FIELDS)
+        return super().problems() + names_problems(self.fields, PLACE_FIELDS)
+
+    @property
+    def recovered(self) -> tuple[str, ...]:
+        """Fields that follow from strain and stress."""
+        return tuple(name for name in self.fields if name != "displacement")
 
 
 class CutProbe(Table):

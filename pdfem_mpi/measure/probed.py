@@ -100,7 +100,7 @@ class ProbeReader:
                 total[3:] *= units.length
                 found[probe.name] = {"force": _known(total[:3]), "moment": _known(total[3:])}
             elif isinstance(probe, SetProbe):
-                found[probe.name] = over_cells(recovered, place, probe.fields)
+                found[probe.name] = over_cells(recovered, place, probe.recovered) if probe.recovered else {}
             else:
                 values = mechanics_at(place, recovered)
                 if values is not None:

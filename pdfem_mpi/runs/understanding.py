@@ -25,7 +25,6 @@ from pdfem_mpi.model.parts import describe_unsupported, positions
 from pdfem_mpi.model.resultants import resultant_of
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import largest, sum_integers
-from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.runs.failure_notes import criteria
 from pdfem_mpi.runs.memory_estimate import show_bytes
@@ -122,7 +121,7 @@ def _loads(scene: Scene, share: Share) -> Iterator[tuple[str, str]]:
     unit = f" {scene.units.force}" if scene.units.force else ""
     for index, load in enumerate(scene.loads):
         force, cells, nodes = resultant_of(scene, share, index)
-        force = exact_dots(share.comm, [(force[d : d + 1], np.ones(1)) for d in range(3)]) * share.units.force
+        force = force * share.units.force
         n_cells, n_nodes = _counts(share, cells, nodes)
         places = [f"{n_cells:,} cells"] if n_cells else []
         places += [f"{n_nodes:,} nodes"] if n_nodes else []

@@ -76,7 +76,7 @@ def test_decks_have_them_as_tables():
             "supports.0 prescribes the same components by x and torsion",
         ),
         ("rotation = { axis = [0.0, 0.0, 0.0], angle = 0.1 }", "supports.0.rotation.axis = [0.0, 0.0, 0.0] has no dir"),
-        ("rotation = { axis = [1.0, 0.0, 0.0] }", "supports.0.rotation has no angle. Give the angle in radians"),
+        ("rotation = { axis = [1.0, 0.0, 0.0] }", "supports.0.rotation.angle is missing. Give the angle in radians"),
         ("rotation = { axis = [1.0, 0.0, 0.0], angel = 0.1 }", "Did you mean angle?"),
         ("torsion = { axis = 'w', angle = 0.1 }", "supports.0.torsion.axis"),
         ("affine = { gradient = [[1.0, 0.0, 0.0]] }", "supports.0.affine.gradient"),
