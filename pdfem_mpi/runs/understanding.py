@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from pdfem_mpi.body.share import Share
+from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.breaking import make_failure
@@ -35,6 +37,8 @@ from pdfem_mpi.runs.sanity import doubts
 CG_EVALUATIONS = {"linear": 20, "finite": 60}
 #: Evaluations of relaxation for a cell of the body's length, to 1e-6 (README).
 ADR_EVALUATIONS = 8
+#: Components of a resultant below this part of the largest are round-off.
+ROUND_OFF = 1e-12
 #: Evaluations whose mean tells the speed.
 TIMED = 2
 
@@ -93,7 +97,7 @@ def describe(scene: Scene, share: Share, found: Understood) -> Iterator[tuple[st
     yield from _supports(scene, share, found)
     yield from _restraints(scene, share, found.model)
     for index, (crack, cut) in enumerate(zip(scene.cracks, found.model.cut, strict=False)):
-        corners = np.array(crack.polygon)
+        corners = _corners_within(share, crack)
         what = f"cuts {cut:,} bonds" if cut else "cuts no bond: it does not pass through peridynamic cells"
         yield f"cracks.{index}", f"{what}; {_box(corners.min(axis=0), corners.max(axis=0), scene.units.length)}"
     yield "free motions", _free_motions(scene, share, found.case)
@@ -104,6 +108,14 @@ def describe(scene: Scene, share: Share, found: Understood) -> Iterator[tuple[st
     yield from ((f"doubt {k}", text) for k, text in enumerate(told, start=1))
     yield from _time(scene, share, found)
     yield "disk, about", _disk(scene, share, found.model)
+
+
+def _corners_within(share: Share, crack: Any) -> np.ndarray:
+    """Corners of a crack as the deck has them, or as far as the body reaches; (n, 3), the deck's units."""
+    if isinstance(crack, Crack):
+        return np.array(crack.polygon)
+    low, high = (corner * share.units.length + share.units.origin for corner in (share.lower, share.upper))
+    return np.clip(np.array(crack.corners(low.tolist(), high.tolist())), low, high)
 
 
 def _regions(scene: Scene, share: Share) -> Iterator[tuple[str, str]]:
@@ -121,7 +133,7 @@ def _loads(scene: Scene, share: Share) -> Iterator[tuple[str, str]]:
     unit = f" {scene.units.force}" if scene.units.force else ""
     for index, load in enumerate(scene.loads):
         force, cells, nodes = resultant_of(scene, share, index)
-        force = force * share.units.force
+        force = np.where(np.abs(force) < ROUND_OFF * np.abs(force).max(), 0.0, force) * share.units.force
         n_cells, n_nodes = _counts(share, cells, nodes)
         places = [f"{n_cells:,} cells"] if n_cells else []
         places += [f"{n_nodes:,} nodes"] if n_nodes else []
@@ -143,8 +155,10 @@ def _supports(scene: Scene, share: Share, found: Understood) -> Iterator[tuple[s
                 amounts.append(f"{axis}{told} at {count:,} points and nodes")
         cells = np.zeros(len(share.mesh.cells), bool)
         cells[share.selections.supports[index].cells] = True
-        place = _box_of(share, cells & share.is_owned, None, scene)
-        yield f"supports.{index}", f"{', '.join(amounts)}; in cells {place}"
+        place = f"in cells {_box_of(share, cells & share.is_owned, None, scene)}"
+        if place.endswith("nowhere"):  # narrower than cells
+            place = _at(scene, found.model, np.concatenate(found.case.held[index])).partition("; ")[2]
+        yield f"supports.{index}", f"{', '.join(amounts)}; {place}"
 
 
 def _restraints(scene: Scene, share: Share, model: Model) -> Iterator[tuple[str, str]]:
