@@ -13,8 +13,11 @@ from pdfem_mpi.results.pictures import load_pyvista, outside, shot
 from pdfem_mpi.system.files import replacing
 
 SIZE = (1200, 900)
-#: Of regions and ranks (Okabe and Ito's, lighter), and of what acts.
-REGIONS = ("#a6cee3", "#f6c5af", "#b9e3c6", "#f3e6a1", "#d9c3e5", "#cfcfcf")
+#: Of regions and ranks, light for faces and dark for letters on white; and of what acts.
+REGIONS = (
+    ("#a6cee3", "#1f78b4"), ("#f6c5af", "#b3541e"), ("#b9e3c6", "#2b8a57"), ("#f3e6a1", "#94801a"),
+    ("#d9c3e5", "#7b4fa3"), ("#cfcfcf", "#555555"),
+)  # fmt: skip
 MARKS = {"supports": "#0072b2", "springs": "#009e73", "ties": "#cc79a7"}
 LOADS, CRACKS = "#d55e00", "#000000"
 #: Longest arrow over the body's size, and most places of one kind that are drawn.
@@ -83,20 +86,15 @@ def _add_cells(pyvista: Any, plotter: Any, sketch: Sketch, kind: np.ndarray, nam
         chosen = kind == number
         if not chosen.any():
             continue
-        colour = REGIONS[number % len(REGIONS)]
+        colour, dark = REGIONS[number % len(REGIONS)]
         surface = outside(pyvista, sketch.corners[chosen], np.zeros(np.count_nonzero(chosen)))
         edges = len(sketch.corners) < 20_000
         plotter.add_mesh(
             surface, color=colour, opacity=opacity, show_edges=edges, edge_color="#909090", line_width=0.5, ambient=0.8,
             diffuse=0.25,
         )  # fmt: skip
-        labels.append([name, _darker(colour)])
+        labels.append([name, dark])
     return labels
-
-
-def _darker(colour: str) -> str:
-    """A colour that can be read as letters on white."""
-    return "#" + "".join(f"{6 * int(colour[k : k + 2], 16) // 10:02x}" for k in (1, 3, 5))
 
 
 def _add_marks(pyvista: Any, plotter: Any, sketch: Sketch) -> list[list[str]]:
