@@ -40,7 +40,7 @@ class Sketch:
         Of the loads.
     cracks : tuple of float64, shape (n, 3)
         Corners of each.
-    rank : int64, shape (n_cells,), or None
+    rank : int32, shape (n_cells,), or None
         Which rank of a run has which cell.
     """
 

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.owners import owners_of_cells
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.body.subdomain import partition
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.geometry import gather_geometry
 from pdfem_mpi.model.loads import LoadCase
@@ -50,7 +49,7 @@ def draw_scene(path: Path, scene: Scene, share: Share, model: Model, case: LoadC
             places=places,
             forces=forces,
             cracks=tuple(np.array(crack.corners(mesh.lower, mesh.upper)) for crack in scene.cracks),
-            rank=partition(discretize(scene), ranks).astype(np.int64) if ranks else None,
+            rank=owners_of_cells(scene, ranks) if ranks else None,
         ),
         scene.title,
     )
