@@ -18,8 +18,9 @@ class Spring(Table):
     name : str or None
         Its force on the body is in history.csv then: ``NAME.force_x``, ``NAME.force_y`` and ``NAME.force_z``.
     point : three floats or None, dimension length
+        Where: all of it at a point, as a force is.
     line : two points or None, dimension length
-        Where, as for a force: all of it at a point, or spread over a line by length.
+        Or spread over a line by length, as a force is.
     face, set, lower, upper
         Or faces of cells, as for a traction: spread over them by area.
     stiffness : three floats >= 0, dimension force / length
