@@ -205,8 +205,8 @@ def _fill(pyvista, plotter, body: Body, view: View, section: Section | None, lim
         ambient=0.8,  # colours are read off the scale: faces in the shade stay near theirs
         diffuse=0.25,
         scalar_bar_args={
-            "title": f"{label}\n", "color": "black", "n_labels": 5, "fmt": "%.3g", "position_x": 0.2, "position_y": 0.02,
-            "width": 0.6, "height": 0.08, "title_font_size": 18, "label_font_size": 16,
+            "title": f"{label}\n", "color": "black", "n_labels": 5, "fmt": "%.3g", "position_x": 0.2,
+            "position_y": 0.02, "width": 0.6, "height": 0.08, "title_font_size": 18, "label_font_size": 16,
         },
     )  # fmt: skip
     words = _words(body, view, section, unit)

@@ -36,6 +36,8 @@ NEWER_DEFAULTS = (
     ("loads", "constant", False),
     ("", "springs", []),
     ("", "ties", []),
+    ("regions", "always_elements", False),
+    ("", "adaptive", None),
 )
 #: Where the load goes: what was done already must stay.
 LOAD_FACTORS, TIMES = "stepping.load_factors", "stepping.times"
@@ -122,7 +124,7 @@ def _may_fail(scene: Scene, share: Share) -> dict[str, bool]:
     return {
         f"regions.{index}.may_fail": True
         for index, region in enumerate(scene.regions)
-        if region.may_fail is None and (region.model == "peridynamics" or index not in overlap)
+        if region.may_fail is None and (region.model != "finite_elements" or index not in overlap)
     }
 
 

@@ -154,24 +154,25 @@ class Preconditioner:
         residual[self.fixed] = 0.0
 
 
-def make_preconditioner(share: Share, model: Model, case: LoadCase, bounds: Bounds | None = None) -> Preconditioner:
+def make_preconditioner(
+    share: Share, model: Model, case: LoadCase, bounds: Bounds | None = None, kept: Grid | None = None
+) -> Preconditioner:
     """Set up all levels. Collective.
 
     Parameters
     ----------
     bounds : Bounds, optional
         Of the state, where the bounds of the cycle are kept.
+    kept : Grid, optional
+        Of the same body with the same supports, with bonds elsewhere.
     """
     bounds = Bounds() if bounds is None else bounds
     intact = build_intact_elements(share, model)
-    local = local_nodes(share, intact.subdomain)
-    cells = share.mesh.cells
-    unknowns = model.unknowns
-    of_points = values = None
+    local, cells = local_nodes(share, intact.subdomain), share.mesh.cells
+    unknowns, of_points, values = model.unknowns, None, None
     blocks, around, held = [], np.empty((0, 8), np.int32), np.zeros((len(intact.nodes.number), 3), np.int64)
     limit, modulus = np.empty(0), share.youngs_modulus
-    springs = model.springs and model.springs.rows(unknowns)
-    n = unknowns.n_points
+    springs, n = model.springs and model.springs.rows(unknowns), unknowns.n_points
     if model.points:
         of_points = point_blocks(model.points, model.bonds)
         values = of_points.values()
@@ -189,8 +190,8 @@ def make_preconditioner(share: Share, model: Model, case: LoadCase, bounds: Boun
         own = model.subdomain.owned_nodes
         of_nodes = node_blocks(model, values)
         stiffest = _stiffest_around(share, share.has_nodes)[own]
-        limits = softest(model.comm, of_nodes, stiffest)
-        blocks.append(inverted(with_springs(of_nodes, springs, slice(n, None)), fixed_nodes, limits))
+        held_nodes = with_springs(of_nodes, springs, slice(n, None))
+        blocks.append(inverted(held_nodes, fixed_nodes, softest(model.comm, of_nodes, stiffest)))
         own_nodes = local[own]
         held[own_nodes] += fixed_nodes
     intact.nodes.halo.scatter_reverse(held)
@@ -211,7 +212,7 @@ def make_preconditioner(share: Share, model: Model, case: LoadCase, bounds: Boun
         fixed=fixed.reshape(-1),
         cycle_blocks=cycle_blocks,
         damping=damping(cycle_forces, cycle_blocks, fixed.reshape(-1)),
-        grid=make_grid(intact, share, held_by, spring, case.untied_motions),
+        grid=make_grid(intact, share, held_by, spring, case.untied_motions, kept),
     )
 
 
