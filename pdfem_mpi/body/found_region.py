@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 #: Distances are compared with this relative tolerance, so that twins in a mirror are turned together.
 DISTANCE_TOLERANCE = 1e-9
-#: Tables of the deck that hold or pull at places.
-HOLDING = ("loads", "supports", "springs", "ties")
 
 
 @dataclass(frozen=True)
@@ -211,13 +209,12 @@ def _can_turn(scene: Scene, elements: Discretization) -> np.ndarray:
 
 
 def _used_cells(scene: Scene, elements: Discretization) -> np.ndarray:
-    """Cells at which something holds or pulls; bool, shape (n_cells,). Forces on volumes act on both descriptions."""
+    """Cells at which supports, springs, ties and loads act; bool, (n_cells,). Forces on volumes act on both kinds."""
     found = select_places(scene, elements)
-    tables = [(getattr(scene, kind, ()), getattr(found, kind, ())) for kind in HOLDING]
-    pairs = [pair for entries, chosen in tables for pair in zip(entries, chosen, strict=True)]
     used = np.zeros(len(elements.mesh.cells), bool)
     nodes = np.zeros(len(elements.mesh.nodes), bool)
-    for entry, chosen in pairs:
+    entries = *scene.loads, *scene.supports, *scene.springs, *scene.ties
+    for entry, chosen in zip(entries, (*found.loads, *found.supports, *found.springs, *found.ties), strict=True):
         if chosen is None or isinstance(entry, BodyForce):
             continue
         if isinstance(chosen, ChosenFaces):

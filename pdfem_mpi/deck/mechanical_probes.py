@@ -53,6 +53,8 @@ class PointProbe(Table):
 class SetProbe(Selection):
     """Means and extremes over a set of cells; a ``[[probes]]`` table with ``kind = "set"``.
 
+    The mean displacement is also in history.csv: ``NAME.u_x``, ``NAME.u_y`` and ``NAME.u_z``.
+
     Attributes
     ----------
     name : str
@@ -61,7 +63,7 @@ class SetProbe(Selection):
         The cells: a region's name; ``layers`` layers of cells beneath a face; a named set of the mesh file; or the
         cells whose centroid lies in the closed box.
     fields : names
-        Of the mechanical fields.
+        Of the displacement (its mean over the volume alone) and the mechanical fields.
     """
 
     kind: Literal["set"]
@@ -70,7 +72,12 @@ class SetProbe(Selection):
 
     def problems(self) -> list[Problem]:
         """One selection, and names of fields."""
-        return super().problems() + names_problems(self.fields, MECHANICAL_FIELDS)
+        return super().problems() + names_problems(self.fields, PLACE_FIELDS)
+
+    @property
+    def recovered(self) -> tuple[str, ...]:
+        """Fields that follow from strain and stress."""
+        return tuple(name for name in self.fields if name != "displacement")
 
 
 class CutProbe(Table):
