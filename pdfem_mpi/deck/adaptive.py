@@ -183,7 +183,7 @@ def check_auto_materials(
 
 
 def check_auto_references(
-    regions: Sequence[Region], loads: Sequence[Any], supports: Sequence[Any]
+    regions: Sequence[Region], loads: Sequence[Any], supports: Sequence[Any], ties: Sequence[Any]
 ) -> list[Problem]:
     """Supported and loaded cells stay elements: a support must not take all of a region."""
     auto = {region.name for region in regions if region.model == AUTO and not region.always_elements}
@@ -193,7 +193,7 @@ def check_auto_references(
             f'= {show(entry.region)} has model = "auto": what is held or loaded stays elements, and none of it could '
             "be turned. Choose by face, box or set.",
         )
-        for table, entries in (("supports", supports), ("loads", loads))
+        for table, entries in (("supports", supports), ("loads", loads), ("ties", ties))
         for k, entry in enumerate(entries)
         if getattr(entry, "region", None) in auto and getattr(entry, "kind", None) != "body_force"
     ]
