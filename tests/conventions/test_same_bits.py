@@ -31,6 +31,7 @@ EXCEPTIONS = {
     ("results.camera", "@"): DRAWING,
     ("results.camera", "linalg"): DRAWING,
     ("results.pictures", "linalg"): DRAWING,
+    ("results.sketch", "linalg"): DRAWING,
     ("results.whole_body", "einsum"): DRAWING,
     ("results.whole_body", "log10"): DRAWING,
     ("solvers.preconditioner.levels", "@"): OF_SPARSE,
