@@ -129,7 +129,7 @@ def check_something_loads(stepping: Any, loads: Sequence[Any], supports: Sequenc
         if not getattr(load, "constant", False)
         for vector in (getattr(load, "total", None), getattr(load, "density", None), getattr(load, "traction", None))
         for component in vector or (getattr(load, "pressure", None),)
-    ] + [component for support in supports for component in (support.x, support.y, support.z)]
+    ] + [component for support in supports for component in support.amounts]
     if stepping.kind == "steps" or any(amounts):
         return []
     return [
