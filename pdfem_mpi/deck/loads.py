@@ -16,7 +16,21 @@ from pdfem_mpi.deck.table import AXES, MOST_HINTS, Face, Problem, Table, Vector,
 
 
 class Selection(Table):
-    """Cells chosen by one of: a region, layers beneath a face of the bounding box, a named set of the file, a box."""
+    """Cells chosen by one of: a region, layers beneath a face of the bounding box, a named set of the file, a box.
+
+    Attributes
+    ----------
+    region : str or None
+        The cells of the region of this name.
+    face : "x-", "x+", "y-", "y+", "z-", "z+" or None
+        Or ``layers`` layers of cells beneath this face of the bounding box.
+    set : str or None
+        Or a named set of the mesh file: its cells, or ``layers`` layers of cells beneath its faces.
+    layers : int, >= 1
+        How many layers of cells, beneath a face or a set of faces.
+    lower, upper : three floats or None, dimension length
+        Or the cells whose centroid lies in this closed box; None sets no limit on that side.
+    """
 
     region: str | None = key(None)
     face: Face | None = key(None)
@@ -51,9 +65,6 @@ class BodyForce(Selection):
 
     Attributes
     ----------
-    region, face, set, layers, lower, upper
-        Where: a region's name; ``layers`` layers of cells beneath a face; a named set of the mesh file, its cells or
-        ``layers`` layers of cells beneath its faces; or the cells whose centroid lies in the closed box.
     density : three floats or None, dimension force / length^3
         Force per volume at load factor 1. Exactly one of density and total is given.
     total : three floats or None, dimension force
@@ -136,7 +147,7 @@ class Support(Places):
 
     Attributes
     ----------
-    region, face, set, layers, lower, upper
+    face, set
         Where, as for a body force. On finite elements a face or a set selects its nodes, on peridynamic cells the
         points of ``layers`` layers of cells beneath it.
     of : "cells" or "nodes"

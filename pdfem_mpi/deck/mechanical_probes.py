@@ -119,7 +119,7 @@ class EnergyReleaseProbe(Table):
     direction : three floats, not all 0
         In the plane of the crack, normal to its front: where it would grow.
     extension : float or None, > 0, dimension length
-        None (default): the mean edge of the cells.
+        By how much the crack is longer the second time. None (default): the mean edge of the cells.
     width : float or None, > 0, dimension length
         Length of the front within the body that is modelled; None (default): the body's extent along the front.
     state : "plane_strain" or "plane_stress"

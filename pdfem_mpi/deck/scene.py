@@ -218,7 +218,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("regions", "adaptive"), check_auto_regions),
     (("regions", "peridynamics", "coupling", "mesh", "stepping", "solver", "temperature"), check_auto_settings),
     (("regions", "material", "materials", "interfaces"), check_auto_materials),
-    (("regions", "loads", "supports"), check_auto_references),
+    (("regions", "loads", "supports", "ties"), check_auto_references),
 )
 
 
