@@ -9,7 +9,7 @@ from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.materials import Interface, Material, all_materials
 from pdfem_mpi.deck.peridynamics import Peridynamics
 from pdfem_mpi.deck.programs import Solver
-from pdfem_mpi.deck.regions import Region, has_model
+from pdfem_mpi.deck.regions import Region, can_have_bonds, has_model
 from pdfem_mpi.deck.softening import CRITERION
 from pdfem_mpi.deck.table import MOST_HINTS, Problem, did_you_mean, show
 
@@ -33,7 +33,7 @@ def check_failure(
             if table.can_fail
         ]
         return problems or _needs_failure(stepping, "finite elements do not break. Describe a region by peridynamics.")
-    bonded = [region for region in regions if region.model == "peridynamics"]
+    bonded = [region for region in regions if can_have_bonds(region)]
     breakable = any(tables[region.material][1].can_fail for region in bonded if region.material in tables)
     if not breakable and not any(interface.can_fail for interface in interfaces):
         return _needs_failure(
@@ -56,25 +56,14 @@ def check_softening(
     material: Material,
     materials: dict[str, Material],
     interfaces: Sequence[Interface],
-    peridynamics: Peridynamics,
     stepping: Any,
 ) -> list[Problem]:
-    """Teeth belong to bonds that soften, and these to stiffnesses that push back where they are pressed."""
+    """Teeth belong to bonds that soften."""
     tables = (material, *materials.values(), *interfaces)
-    if not any(table.softens for table in tables):
-        if stepping.tooth_ratio is None:
-            return []
-        text = "is of bonds that soften, and none does. Give material.tensile_strength, or remove it."
-        return [Problem("stepping.tooth_ratio", f"= {show(stepping.tooth_ratio)} {text}")]
-    if peridynamics.surface_correction == "fitted" and peridynamics.signs == "free":
-        return [
-            Problem(
-                "peridynamics.signs",
-                '= "free" lets bonds push where they are stretched, and such a bond cannot soften. Use "bounded", or '
-                'surface_correction = "virial".',
-            )
-        ]
-    return []
+    if stepping.tooth_ratio is None or any(table.softens for table in tables):
+        return []
+    text = "is of bonds that soften, and none does. Give material.tensile_strength, or remove it."
+    return [Problem("stepping.tooth_ratio", f"= {show(stepping.tooth_ratio)} {text}")]
 
 
 def check_events_over_time(stepping: Any, peridynamics: Peridynamics, loads: Sequence[Any]) -> list[Problem]:
@@ -140,7 +129,7 @@ def check_something_loads(stepping: Any, loads: Sequence[Any], supports: Sequenc
         if not getattr(load, "constant", False)
         for vector in (getattr(load, "total", None), getattr(load, "density", None), getattr(load, "traction", None))
         for component in vector or (getattr(load, "pressure", None),)
-    ] + [component for support in supports for component in (support.x, support.y, support.z)]
+    ] + [component for support in supports for component in support.amounts]
     if stepping.kind == "steps" or any(amounts):
         return []
     return [

@@ -15,10 +15,12 @@ from pdfem_mpi.runs.failure_outcome import crack_in_a_mirror
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.memory_report import count_parts, describe_memory, left_out, table_of
 from pdfem_mpi.runs.notes import Findings, ending
+from pdfem_mpi.runs.region_notes import describe_staying
 from pdfem_mpi.runs.restart_point import RestartPoint
 from pdfem_mpi.runs.sanity import look_back
 from pdfem_mpi.runs.stopwatch import phase
 from pdfem_mpi.runs.summary import end_table, make_summary
+from pdfem_mpi.runs.switching import count_bonds
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_STOPPED
 
 if TYPE_CHECKING:
@@ -40,6 +42,8 @@ def finish(run: Run, march: March, start: RestartPoint, findings: Findings, size
         Bytes of the process before the simulation was made.
     """
     memory = describe_arrays(march, before)
+    if run.scene.is_adaptive:
+        count_bonds(march.simulation)
     comm, simulation, ended, seconds = run.comm, march.simulation, march.ended, run.seconds
     seconds["solve"], seconds["output"] = march.seconds, march.seconds_of_output
     phases = {name: round(value, 6) for name, value in simulation.forces.seconds.items()}
@@ -51,6 +55,8 @@ def finish(run: Run, march: March, start: RestartPoint, findings: Findings, size
     with phase(seconds, "output"):
         if ended.code != EXIT_STOPPED:  # a run that is asked to stop should stop soon
             on_root(comm, lambda: run.outputs.close())
+    for line in describe_staying(simulation):
+        run.reporter.line(line)
     for line in crack_in_a_mirror(run.scene, simulation.share, simulation.failure):
         run.reporter.line(line)
     seconds["total"] = perf_counter() - run.started

@@ -34,6 +34,10 @@ NEWER_DEFAULTS = (
     ("cracks", "kind", "polygon"),
     ("supports", "of", "cells"),
     ("loads", "constant", False),
+    ("", "springs", []),
+    ("", "ties", []),
+    ("regions", "always_elements", False),
+    ("", "adaptive", None),
 )
 #: Where the load goes: what was done already must stay.
 LOAD_FACTORS, TIMES = "stepping.load_factors", "stepping.times"
@@ -120,7 +124,7 @@ def _may_fail(scene: Scene, share: Share) -> dict[str, bool]:
     return {
         f"regions.{index}.may_fail": True
         for index, region in enumerate(scene.regions)
-        if region.may_fail is None and (region.model == "peridynamics" or index not in overlap)
+        if region.may_fail is None and (region.model != "finite_elements" or index not in overlap)
     }
 
 
@@ -131,8 +135,8 @@ def _is_newer_default(key: str, value: Any) -> bool:
 
 
 def _is_label(key: str) -> bool:
-    """Whether a key is the name of a load or support, which calls columns of the history and nothing else."""
-    return key.endswith(".name") and key.startswith(("loads.", "supports."))
+    """Whether a key is the name of a load, support, spring or tie, which calls columns and nothing else."""
+    return key.endswith(".name") and key.startswith(("loads.", "supports.", "springs.", "ties."))
 
 
 def _held_now(key: str, then: Any, now: Any) -> bool:

@@ -38,7 +38,7 @@ from pdfem_mpi.runs.simulation import Simulation
 
 
 class HistoryOutput(Output):
-    """history.csv, and the figures of a run in which bonds broke."""
+    """history.csv, and the figures of a run in which bonds broke, or of one with several rows."""
 
     def __init__(self, columns: tuple[str, ...]) -> None:
         super().__init__()
@@ -53,7 +53,8 @@ class HistoryOutput(Output):
         self.history.append(columns)
 
     def draw(self, place: Place) -> None:
-        if int((self.history.last() or {}).get("broken_bonds") or 0):
+        last = self.history.last() or {}
+        if int(last.get("broken_bonds") or 0) or ("broken_bonds" not in last and int(last.get("step") or 0) > 1):
             draw_run(place.written.folder, place.scene, place.warn)
 
 
@@ -93,6 +94,10 @@ class Outputs:
         for output in self.all if self.place.scene.output.figures else ():
             attempt(functools.partial(output.draw, self.place), Path(output.figure), self.place.warn)
 
+    def follow(self, geometry: Geometry | None) -> None:
+        """Describe the body from here on as it is now, after elements were turned into bonds."""
+        self.place.geometry = geometry
+
     def flush(self) -> dict[str, dict[str, Any]]:
         """Bring all files to the disk; how far each is, for a checkpoint."""
         digests = {output.name: output.digest for output in self.frames}
@@ -120,18 +125,20 @@ def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
     """
     outputs = Outputs(place, HistoryOutput(columns))
     scene, names = place.scene, place.scene.output.names
-    if names and scene.has_peridynamics:
+    if names and scene.is_adaptive:  # points and elements come and go: one file has the whole body
+        outputs.frames.append(BodyFrames(names, with_model=True))
+    elif names and scene.has_peridynamics:
         outputs.frames.append(FramesOutput(POINTS_FILE, create_points, fields_of_points, names, True))
-    if names and scene.has_finite_elements:
+    if names and scene.has_finite_elements and not scene.is_adaptive:
         outputs.frames.append(FramesOutput(ELEMENTS_FILE, create_elements, fields_of_elements, names))
-    if names and scene.has_peridynamics and scene.output.body:
+    if names and scene.has_peridynamics and scene.output.body and not scene.is_adaptive:
         outputs.frames.append(BodyFrames(names))
     outputs.probes += [OF_PROBE[type(probe)](probe) for probe in place.scene.probes]
     return outputs
 
 
 def draw_run(folder: Path, scene: Scene, warn: Callable[[str], None], film: bool = False) -> list[Path]:
-    """Draw the figures of a run with failure from its result files, on this rank alone; the paths drawn.
+    """Draw the figures of a run with failure or of several rows, from its files, on this rank alone; the paths drawn.
 
     ``warn`` is called with a sentence about each figure that could not be drawn.
     """
