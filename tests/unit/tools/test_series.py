@@ -52,9 +52,9 @@ def test_rows_have_as_many_cells_as_there_are_headings():
         series.table(["x", "y"], [["1"]])
 
 
-@pytest.mark.parametrize("name", ["failure", "failure_criterion", "memory"])
+@pytest.mark.parametrize("name", ["failure", "failure_criterion", "softening", "memory"])
 def test_documents_have_the_markers_of_their_studies(name):
-    page = {"memory": "needs", "failure_criterion": "failure"}.get(name, name)
+    page = {"memory": "needs", "failure_criterion": "failure", "softening": "failure"}.get(name, name)
     document = (ROOT / "docs" / page).with_suffix(".md").read_text(encoding="utf-8")
     assert f": tools/studies/study {name} -->" in document and "tools/studies/study" in document
     for section in (section[0] for section in failure.SECTIONS) if name == "failure" else ():
