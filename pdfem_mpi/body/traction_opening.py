@@ -23,7 +23,6 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from pdfem_mpi.body.softening_law import Shape
 from pdfem_mpi.deck.softening import DROP
@@ -83,6 +82,8 @@ def fit_curve(curve, modulus: float, unit_energy: float, length: float, cutoff_r
 
 @functools.cache
 def _fit(curve, modulus, unit_energy, length, cutoff_ratio) -> tuple[float, float]:
+    from scipy.optimize import least_squares  # 10 MiB that other decks do without
+
     opening, traction = np.array(curve).T
     energy, first = curve_energy(curve), traction[0] / modulus
     places = (np.arange(OPENINGS) + 0.5) / OPENINGS * opening[-1] * 1.25

@@ -50,7 +50,7 @@ HOMES = {
 }
 # Imports inside functions: MPI starts when imported, the command line prepares the environment first,
 # and only rank 0 loads the libraries of the files that were asked for.
-# Few runs read a mesh file.
+# Few runs read a mesh file, or seek the law of bonds that soften.
 LATE_IMPORTS = {
     ("parallel.comm", "mpi4py"),
     ("command.cli", "pdfem_mpi"),
@@ -69,6 +69,8 @@ LATE_IMPORTS = {
     ("runs.probes", "pdfem_mpi.results"),
     ("results.cursor", "pdfem_mpi.results"),
     ("mesh.exodus", "netCDF4"),
+    ("body.softening", "scipy.optimize"),
+    ("body.traction_opening", "scipy.optimize"),
 }
 PRINTERS = ("command.cli", "command.console", "command.world")
 
