@@ -6,10 +6,11 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from pdfem_mpi.body.materials import bond_materials, bond_stretches, materials_of
 from pdfem_mpi.body.softening_law import Shape, Teeth, brittle, make_teeth, strength_factor
-from pdfem_mpi.body.traction_opening import curve_energy, fit_curve
+from pdfem_mpi.body.traction_opening import curve_energy, dilatation_energy, fit_curve
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.softening import DROP
@@ -19,7 +20,11 @@ from pdfem_mpi.deck.table import SceneError
 TOOTH_RATIO = 1.25
 #: A final stretch this near to the first leaves no branch to follow.
 LEAST_RATIO = 1.0 + 1e-9
-#: Without a drop: rounds in which the first stretch is found that gives a body the strength, and how near they come.
+#: Strengths of a body are sampled in strains a hundredth apart.
+LEAST_HARDENING = 0.012
+#: Digits to which a ratio is rounded that is found by iteration, so that the last bits of a processor do not decide.
+DIGITS = 12
+#: Where a body hardens: rounds in which the first stretch is found that gives it the strength, and how near they come.
 ROUNDS, NEAR = 30, 1e-4
 
 
@@ -36,6 +41,8 @@ class BondLaw:
     teeth : Teeth
     energy : float, dimension force / length
         The fracture energy of the bulk.
+    energy_of_bonds : float, dimension force / length
+        Of it, that of the bonds; the rest is that of the dilatation beside them, 0 at a Poisson's ratio of 1/4.
     shape : Shape or None
         None where they are brittle.
     longest : float, dimension length
@@ -48,6 +55,7 @@ class BondLaw:
     final: float
     teeth: Teeth
     energy: float
+    energy_of_bonds: float
     shape: Shape | None
     longest: float
     strength: float
@@ -68,19 +76,21 @@ def law_of(material: Material, internal_length: float, cutoff_ratio: float, toot
     ValueError
         The internal length is too large for the strength and the energy; its text is the rest of a sentence.
     """
-    unit = material.energy_at_failure(1.0, internal_length, cutoff_ratio)
+    unit = material.energy_of_bonds(internal_length, cutoff_ratio)
     if not material.softens:
         stretch = material.stretch_at_failure(internal_length, cutoff_ratio)
         if stretch is None:
             return None
         strength = material.youngs_modulus * stretch
-        return BondLaw(stretch, stretch, brittle(stretch), unit * stretch**2, None, np.inf, strength)
+        whole = material.energy_at_failure(stretch, internal_length, cutoff_ratio)
+        return BondLaw(stretch, stretch, brittle(stretch), whole, unit * stretch**2, None, np.inf, strength)
     strength, energy, shape = _properties(material, unit, internal_length, cutoff_ratio)
     first = strength / material.youngs_modulus
-    longest = internal_length * energy / (unit * first**2 * shape.least_energy)
-    ratio = shape.ratio(energy / (unit * first**2))
-    if shape.drop == 1.0 and ratio > LEAST_RATIO:
-        first, ratio = _without_drop(shape, first, energy / unit, tooth_ratio)
+    lacks = material.lacking
+    longest = internal_length * energy / (unit * first**2 * _least_energy(shape, lacks, cutoff_ratio))
+    ratio = _ratio(shape, energy / (unit * first**2), lacks, cutoff_ratio)
+    if ratio > LEAST_RATIO and (shape.drop == 1.0 or lacks < 0.0):
+        first, ratio = _hardening(shape, first, energy / unit, tooth_ratio, material.poissons_ratio, cutoff_ratio)
     if not (ratio > LEAST_RATIO and longest > internal_length):
         raise ValueError(
             f"is too long for a strength of {strength:.6g} with a fracture energy of {energy:.6g}: bonds that soften "
@@ -88,7 +98,37 @@ def law_of(material: Material, internal_length: float, cutoff_ratio: float, toot
             "or critical_stretch"
         )
     teeth = make_teeth(shape.branch(ratio), tooth_ratio, first)
-    return BondLaw(first, ratio * first, teeth, energy, shape, longest, strength)
+    of_bonds = unit * teeth.energy if lacks else energy
+    return BondLaw(first, ratio * first, teeth, energy, of_bonds, shape, longest, strength)
+
+
+def _ratio(shape: Shape, energy: float, lacks: float, cutoff_ratio: float) -> float:
+    """The final over the first stretch for an energy over ``C mu l s_t^2``, with that of the dilatation in it.
+
+    ``lacks`` is ``(lambda - mu) / mu``. Below `LEAST_RATIO` where there is none.
+    """
+    ratio = shape.ratio(energy)
+    if not lacks:
+        return ratio
+
+    def excess(candidate):
+        return shape.branch(candidate).energy + lacks * dilatation_energy(shape, candidate, cutoff_ratio) - energy
+
+    low = 1.0 if shape.kink is None else 1.0 / shape.kink[0]
+    if excess(low) >= 0.0:
+        return 1.0
+    high = max(ratio, low)
+    while excess(high) < 0.0:
+        high *= 1.5
+    return float(f"{brentq(excess, low, high, xtol=1e-13, rtol=1e-13):.{DIGITS}g}")
+
+
+def _least_energy(shape: Shape, lacks: float, cutoff_ratio: float) -> float:
+    """`Shape.least_energy` with that of the dilatation in it."""
+    if not lacks:
+        return shape.least_energy
+    least = 1.0 if shape.kink is None else 1.0 / shape.kink[0]
+    return shape.least_energy + lacks * dilatation_energy(shape, least, cutoff_ratio)
 
 
 def _properties(material: Material, unit: float, length: float, cutoff_ratio: float) -> tuple[float, float, Shape]:
@@ -103,16 +143,23 @@ def _properties(material: Material, unit: float, length: float, cutoff_ratio: fl
 
 
 @functools.cache
-def _without_drop(shape: Shape, wanted: float, energy: float, tooth_ratio: float) -> tuple[float, float]:
-    """First stretch and ratio of a line whose body has the strength ``E wanted``: it hardens after the first bonds.
+def _hardening(
+    shape: Shape, wanted: float, energy: float, tooth_ratio: float, poissons_ratio: float, cutoff_ratio: float
+) -> tuple[float, float]:
+    """First stretch and ratio with which a body has the strength ``E wanted``, that hardens after its first bonds.
 
-    ``energy`` is over that of bonds that break at stretch 1.
+    Bodies do so without a drop, and with it where Poisson's ratio is small and the branch long. ``energy`` is over
+    that of bonds that break at stretch 1.
     """
-    first, ratio = wanted, shape.ratio(energy / wanted**2)
+    lacks = (4.0 * poissons_ratio - 1.0) / (1.0 - 2.0 * poissons_ratio)
+    first, ratio = wanted, _ratio(shape, energy / wanted**2, lacks, cutoff_ratio)
     for _ in range(ROUNDS):
         teeth = make_teeth(shape.branch(ratio), tooth_ratio)
-        before, first = first, wanted / (strength_factor(teeth) * float(teeth.limit[0]))
-        ratio = shape.ratio(energy / first**2)
+        factor = strength_factor(teeth, poissons_ratio)
+        if shape.drop < 1.0 and factor < 1.0 + LEAST_HARDENING:
+            return wanted, _ratio(shape, energy / wanted**2, lacks, cutoff_ratio)
+        before, first = first, wanted / (factor * float(teeth.limit[0]))
+        ratio = _ratio(shape, energy / first**2, lacks, cutoff_ratio)
         if ratio <= LEAST_RATIO or abs(first - before) <= NEAR * first:
             break
     return first, ratio

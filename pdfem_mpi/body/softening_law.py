@@ -148,12 +148,15 @@ def brittle(critical_stretch: float) -> Teeth:
     return Teeth(np.array([critical_stretch]), np.array([1.0, 0.0]))
 
 
-def strength_factor(teeth: Teeth) -> float:
+def strength_factor(teeth: Teeth, poissons_ratio: float = 0.25) -> float:
     """Strength of a uniform body under uniaxial stress, over ``E`` times the first limit of its bonds.
 
-    Bonds in all directions, the lateral strain such that nothing acts across, Poisson's ratio 1/4. Without a drop the
-    first bonds to soften lie along the stress, and the others carry more than they lose.
+    Bonds in all directions, the lateral strain such that nothing acts across. Without a drop the first bonds to soften
+    lie along the stress, and the others carry more than they lose. With ``<>`` the mean over all directions ``n``, and
+    ``mu = 1``, the stress is ``15 <phi s n n> + 3 M theta <phi n n>`` and the dilatation ``theta = 3 <phi s>``.
     """
+    lacks = (4.0 * poissons_ratio - 1.0) / (1.0 - 2.0 * poissons_ratio)
+    modulus = 2.0 * (1.0 + poissons_ratio)
     nodes, weights = np.polynomial.legendre.leggauss(DIRECTIONS)
     along, weight = (0.5 * (nodes + 1.0)) ** 2, 0.5 * weights  # squares of the cosines
     limit = teeth.limit / teeth.limit[0]
@@ -162,7 +165,11 @@ def strength_factor(teeth: Teeth) -> float:
     def response(strain, lateral):
         stretch = strain * along - lateral * (1.0 - along)
         tooth = np.searchsorted(limit, np.maximum(largest, stretch), side="right")
-        return stretch, weight * teeth.stiffness[tooth] * stretch
+        left = weight * teeth.stiffness[tooth]
+        force = left * stretch
+        if lacks:
+            force += 0.6 * lacks * float(left @ stretch) * left
+        return stretch, force
 
     for strain in np.geomspace(LEAST_STRAIN, MOST_STRAIN, STRAINS):
         low, high = -strain, 3.0 * strain
@@ -172,5 +179,5 @@ def strength_factor(teeth: Teeth) -> float:
             low, high = (middle, high) if pulls else (low, middle)
         stretch, force = response(strain, 0.5 * (low + high))
         largest = np.maximum(largest, stretch)
-        most = max(most, 6.0 * float(force @ along))
+        most = max(most, 15.0 / modulus * float(force @ along))
     return most

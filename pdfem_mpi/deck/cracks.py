@@ -22,6 +22,7 @@ class DiscCrack(Table):
     Attributes
     ----------
     centre : three floats, dimension length
+        Of the disc.
     normal : three floats
         Of its plane, of any length but 0.
     radius : float, > 0, dimension length

@@ -61,12 +61,15 @@ class Traction(_OnFaces):
     lower, upper : three floats or None, dimension length
         Or all faces of the boundary whose middle lies in this closed box; None sets no limit on that side.
     traction : three floats or None, dimension force / length^2
+        Force per area at load factor 1. Exactly one of traction and total is given.
     total : three floats or None, dimension force
-        Exactly one of the two; both are reached at load factor 1.
+        The whole force at load factor 1, spread evenly over the area.
     nodal : "consistent" or "equal"
         Nodal forces from the shape functions, or the same on every node ("uniform point forces", sec. 4.1).
-    name, constant
-        As for a body force.
+    name : str or None
+        For messages and for `--set`.
+    constant : bool
+        It acts as a whole at any load factor.
     """
 
     kind: Literal["traction"]
@@ -84,8 +87,16 @@ class Pressure(_OnFaces):
 
     Attributes
     ----------
-    face, set, lower, upper, name, constant
-        As for a traction.
+    face : "x-", "x+", "y-", "y+", "z-", "z+" or None
+        Face of the bounding box.
+    set : str or None
+        Or a named set of faces, or of all nodes of faces, of the mesh file.
+    lower, upper : three floats or None, dimension length
+        Or all faces of the boundary whose middle lies in this closed box; None sets no limit on that side.
+    name : str or None
+        For messages and for `--set`.
+    constant : bool
+        It acts as a whole at any load factor.
     pressure : float, dimension force / length^2
         Reached at load factor 1; a negative one pulls. Faces stay as they are at rest, however far they move.
     """

@@ -54,10 +54,11 @@ class BodyForce(Selection):
         Where: a region's name; ``layers`` layers of cells beneath a face; a named set of the mesh file, its cells or
         ``layers`` layers of cells beneath its faces; or the cells whose centroid lies in the closed box.
     density : three floats or None, dimension force / length^3
+        Force per volume at load factor 1. Exactly one of density and total is given.
     total : three floats or None, dimension force
-        Exactly one of the two; both are reached at load factor 1.
+        The whole force at load factor 1, spread evenly over the volume.
     name : str or None
-        For messages and `--set`.
+        For messages and for `--set`.
     constant : bool
         It acts as a whole at any load factor, beside loads that grow: self-weight, a preload.
     """
@@ -79,12 +80,15 @@ class Force(Table):
     Attributes
     ----------
     point : three floats or None, dimension length
+        Where the force acts: the place that a support there takes. Exactly one of point and line is given.
     line : two points or None, dimension length
-        One of both: the places that a support there takes (see `Support`).
+        Ends of the line that the force is spread over: the places that a support there takes.
     total : three floats, dimension force
-        Reached at load factor 1.
-    name, constant
-        As for a body force.
+        The whole force at load factor 1.
+    name : str or None
+        For messages and for `--set`.
+    constant : bool
+        It acts as a whole at any load factor.
     """
 
     kind: Literal["force"]
@@ -117,8 +121,9 @@ class Support(Selection):
         What ``lower`` and ``upper`` select: all that cells have whose centroid lies in the box, or the nodes and
         peridynamic points that lie in it themselves.
     point : three floats or None, dimension length
+        Or the node at a point.
     line : two points or None, dimension length
-        Or the node at a point, or the nodes on a straight line: a roller or a pin. In peridynamic cells with an edge on
+        Or the nodes on a straight line: a roller or a pin. In peridynamic cells with an edge on
         the line it is one row of points, those nearest to it, on the side of lower coordinates: it leaves the rotation
         about the line free.
     name : str or None

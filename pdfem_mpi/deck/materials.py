@@ -25,6 +25,7 @@ class Material(Table):
     Attributes
     ----------
     youngs_modulus : float, > 0, dimension force / length^2
+        Young's modulus.
     poissons_ratio : float, above -1 and below 0.5, dimension 1
         From 0 to 0.49 where the material has bonds (peridynamic regions, overlap), which alone have 1/4.
     critical_stretch : float or None, > 0, dimension 1
@@ -94,19 +95,25 @@ class Material(Table):
 
     def energy_at_failure(self, critical_stretch: float, internal_length: float, cutoff_ratio: float) -> float:
         """The fracture energy of the bulk whose bonds break at a stretch; dimension force / length."""
-        share = _share_within(cutoff_ratio)
-        of_bonds = self.modulus_of_bonds / (3.0 * (1.0 - 2.0 * BOND_POISSONS_RATIO))
-        whole = 27.0 * math.sqrt(math.pi) / 16.0 * of_bonds * internal_length
-        return whole * share * critical_stretch**2 * (1.0 + self.share_of_dilatation(cutoff_ratio))
+        of_bonds = self.energy_of_bonds(internal_length, cutoff_ratio)
+        return of_bonds * critical_stretch**2 * (1.0 + self.share_of_dilatation(cutoff_ratio))
+
+    def energy_of_bonds(self, internal_length: float, cutoff_ratio: float) -> float:
+        """That of the bonds alone, at a stretch of 1: ``4.843 mu l`` at a cutoff of 2.5; dimension force / length."""
+        bulk = self.modulus_of_bonds / (3.0 * (1.0 - 2.0 * BOND_POISSONS_RATIO))
+        return 27.0 * math.sqrt(math.pi) / 16.0 * bulk * internal_length * _share_within(cutoff_ratio)
 
     def share_of_dilatation(self, cutoff_ratio: float) -> float:
         """Fracture energy of the volumetric part over that of the bonds: 0 at 1/4, 0.1795 (lambda - mu) / mu at 2.5."""
-        nu = self.poissons_ratio
-        if nu == BOND_POISSONS_RATIO:
+        if self.poissons_ratio == BOND_POISSONS_RATIO:
             return 0.0
-        share = _share_within(cutoff_ratio)
-        lacks = (4.0 * nu - 1.0) / (1.0 - 2.0 * nu)  # (lambda - mu) / mu
-        return 9.0 * squared_dilatation(cutoff_ratio) * lacks / (45.0 * math.sqrt(math.pi) / 16.0 * share)
+        of_bonds = 45.0 * math.sqrt(math.pi) / 16.0 * _share_within(cutoff_ratio)
+        return 9.0 * squared_dilatation(cutoff_ratio) * self.lacking / of_bonds
+
+    @property
+    def lacking(self) -> float:
+        """``(lambda - mu) / mu``: what bonds alone lack; 0 at a Poisson's ratio of 1/4."""
+        return (4.0 * self.poissons_ratio - 1.0) / (1.0 - 2.0 * self.poissons_ratio)
 
     @property
     def modulus_of_bonds(self) -> float:
@@ -135,8 +142,11 @@ class Interface(Table):
     between : two texts
         Names of the materials, in any order; "default" is the table [material].
     youngs_modulus : float or None, > 0, dimension force / length^2
+        Of the bonds across.
     critical_stretch : float or None, > 0, dimension 1
+        At which they break.
     fracture_energy : float or None, > 0, dimension force / length
+        Which gives their critical stretch.
     tensile_strength, softening, kink_stretch_ratio, kink_force_ratio, traction_opening
         As of a material; what is given of these and the two above replaces all of the material's.
     """

@@ -33,6 +33,7 @@ class PointProbe(Table):
     Attributes
     ----------
     name : str
+        Its results are listed under it.
     point : three floats, dimension length
         In the cell that holds it: of elements by the functions through its Gauss points, of bonds the cell's mean.
     fields : names
@@ -55,8 +56,10 @@ class SetProbe(Selection):
     Attributes
     ----------
     name : str
+        Its results are listed under it.
     region, face, set, layers, lower, upper
-        Where, as for a body force.
+        The cells: a region's name; ``layers`` layers of cells beneath a face; a named set of the mesh file; or the
+        cells whose centroid lies in the closed box.
     fields : names
         Of the mechanical fields.
     """
@@ -76,6 +79,7 @@ class CutProbe(Table):
     Attributes
     ----------
     name : str
+        Its results are listed under it.
     point : three floats, dimension length
         A point of the plane, about which the moment counts.
     normal : three floats, not all 0
@@ -102,6 +106,7 @@ class EnergyReleaseProbe(Table):
     Attributes
     ----------
     name : str
+        Its results are listed under it.
     crack : int, >= 0
         Number of the crack among ``[[cracks]]``, whose corners farthest along ``direction`` are its front.
     direction : three floats, not all 0

@@ -38,6 +38,13 @@ class DisplacementProbe(Table):
     """Displacement at a named point; a ``[[probes]]`` table with ``kind = "displacement"``.
 
     Its columns in history.csv are ``NAME.u_x``, ``NAME.u_y`` and ``NAME.u_z``.
+
+    Attributes
+    ----------
+    name : str
+        Of the columns, and of the entry in summary.json.
+    point : three floats, dimension length
+        Where it is at rest.
     """
 
     kind: Literal["displacement"]
@@ -57,6 +64,7 @@ class BarProbe(Table):
     Attributes
     ----------
     axis : "x", "y" or "z"
+        Along which the bar is pulled.
     stress : float, not 0, dimension force / length^2
         Axial stress at load factor 1; the exact strain is ``stress / youngs_modulus``.
     """
@@ -123,6 +131,7 @@ class Output(Table):
     every : int, >= 1
         A frame of the fields at every so many rows of the history, and at the last.
     figures : bool
+        Draw figures at the end of the run.
     damage : bool
         Local damage of the peridynamic points (eq. 5) in ``points.vtkhdf``, its mean over a cell in ``body.vtkhdf``;
         the same as ``"damage"`` in a list.

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from pdfem_mpi.deck.loads import Support
-from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Interface, Material, all_materials
+from pdfem_mpi.deck.materials import Interface, Material, all_materials
 from pdfem_mpi.deck.peridynamics import Peridynamics
 from pdfem_mpi.deck.programs import Solver
 from pdfem_mpi.deck.regions import Region, has_model
-from pdfem_mpi.deck.softening import CRITERION, OWN_RATIO
+from pdfem_mpi.deck.softening import CRITERION
 from pdfem_mpi.deck.table import MOST_HINTS, Problem, did_you_mean, show
 
 
@@ -56,7 +56,6 @@ def check_softening(
     material: Material,
     materials: dict[str, Material],
     interfaces: Sequence[Interface],
-    regions: Sequence[Region],
     peridynamics: Peridynamics,
     stepping: Any,
 ) -> list[Problem]:
@@ -75,14 +74,7 @@ def check_softening(
                 'surface_correction = "virial".',
             )
         ]
-    named = all_materials(material, materials)
-    used = {region.material for region in regions if region.model == "peridynamics" and region.material in named}
-    ratios = [(where, table.poissons_ratio) for name, (where, table) in named.items() if name in used]
-    return [
-        Problem(f"{where}.poissons_ratio", f"= {show(ratio)} {OWN_RATIO}")
-        for where, ratio in ratios
-        if ratio != BOND_POISSONS_RATIO
-    ]
+    return []
 
 
 def check_events_over_time(stepping: Any, peridynamics: Peridynamics, loads: Sequence[Any]) -> list[Problem]:

@@ -26,12 +26,15 @@ class Region(Table):
     Attributes
     ----------
     name : str
+        Loads, supports and probes refer to the region by it.
     model : "finite_elements" or "peridynamics"
+        Elements, or bonds that can break.
     material : str
         Name of a table [materials.NAME]; "default" (the default) is the table [material].
     lower, upper : three floats or None, dimension length
         The cells whose centroid lies in this closed box; None (default) sets no limit on that side.
     centre : three floats or None, dimension length
+        Of a ball, or a point of a cylinder's axis.
     radius : float or None, > 0, dimension length
         Both or none: only the cells whose centroid lies in this closed ball. Regions with a radius take their cells
         out of those without.

@@ -58,9 +58,11 @@ class RemovedCylinder(_Extruded):
     Attributes
     ----------
     axis : "x", "y" or "z"
+        The direction of the cylinder.
     centre : three floats, dimension length
         Any point of the axis.
     radius : float, > 0, dimension length
+        Of the cylinder.
     span : two floats or None, dimension length
         Where it begins and ends along the axis; None (default): through all of the body.
     """
@@ -96,6 +98,7 @@ class RemovedPrism(_Extruded):
     Attributes
     ----------
     axis : "x", "y" or "z"
+        The direction of the prism.
     polygon : three or more pairs of floats, dimension length
         Corners in order of a simple polygon, convex or not, by the two other coordinates in alphabetical order: (y, z)
         for ``axis = "x"``, (x, z) for ``"y"``, (x, y) for ``"z"``.

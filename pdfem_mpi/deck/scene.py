@@ -170,7 +170,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("mesh", "peridynamics", "regions"), check_cutoff),
     (("cracks", "regions"), check_cracks),
     (("material", "materials", "interfaces", "regions", "stepping"), check_failure),
-    (("material", "materials", "interfaces", "regions", "peridynamics", "stepping"), check_softening),
+    (("material", "materials", "interfaces", "peridynamics", "stepping"), check_softening),
     (("stepping", "solver"), check_stepping_solver),
     (("stepping", "peridynamics", "loads"), check_events_over_time),
     (("stepping", "probes"), check_opening),

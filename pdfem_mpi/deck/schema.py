@@ -41,14 +41,23 @@ def _all_tables(model: type[Table]) -> list[type[Table]]:
 
 def describe_keys(model: type[Table]) -> dict[str, str]:
     """What the attributes of a table's docstring say, by the names of the keys."""
+    return {
+        name: told
+        for name, (kind, words) in words_of_keys(model).items()
+        if (told := " ".join(filter(None, (kind and f"{kind}.", words))))
+    }
+
+
+def words_of_keys(model: type[Table]) -> dict[str, tuple[str, str]]:
+    """Kind and meaning of each key as a table's docstring has them, by the names of the keys."""
     found = {}
     for owner in reversed(model.__mro__):
         text = inspect.cleandoc(owner.__doc__ or "") if issubclass(owner, Table) else ""
         _, _, section = text.partition("Attributes\n----------\n")
         for entry in re.finditer(r"^(\w[\w, ]*)(?: : (.+))?\n((?:    .*\n?|\n)*)", section + "\n", re.MULTILINE):
             names, kind, words = entry.groups(default="")
-            told = " ".join(filter(None, (kind and f"{kind}.", *words.split()))).replace("``", "`")
-            found |= {name.strip(): told for name in names.split(",") if told}
+            told = kind.replace("``", "`"), " ".join(words.split()).replace("``", "`")
+            found |= {name.strip(): told for name in names.split(",")}
     return found
 
 

@@ -25,11 +25,6 @@ SHAPE = ("softening", "kink_stretch_ratio", "kink_force_ratio")
 #: Force at once after the drop, over that before it: from 0.54 on the bulk hardens after its first bonds soften, up to
 #: 1/2 it does not, and the strength of the material is that of its bonds.
 DROP = 0.5
-#: Why a Poisson's ratio is refused beside bonds that soften.
-OWN_RATIO = (
-    "other than 0.25 asks for a volumetric part beside the bonds, which does not soften with them yet. Use 0.25, that "
-    "of bonds, or critical_stretch."
-)
 #: What decks that soften have where they do not say otherwise, by table: wider batches and fewer sweeps between them
 #: move no peak, and an exactly symmetric body would soften on both sides of its plane alike.
 EVENTS_DEFAULTS = {"eta": 1.0e-2, "inner_iterations": 4}

@@ -35,10 +35,14 @@ SIDES = np.array([[-1.0], [1.0]])
 
 @dataclass(frozen=True)
 class Broken:
-    """Bonds that broke on this rank: local points and stored numbers, shapes (n, 2)."""
+    """Bonds that broke on this rank: local points and stored numbers, shapes (n, 2).
+
+    ``share`` is the part of their stiffness that they lost, shape (n,); None: all of it.
+    """
 
     pairs: np.ndarray
     strengths: np.ndarray
+    share: np.ndarray | None = None
 
 
 @dataclass

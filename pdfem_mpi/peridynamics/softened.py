@@ -16,8 +16,6 @@ import numpy as np
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import BondLaw
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.deck.softening import OWN_RATIO
-from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.exact_sums import add_products
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.kernels.softened_bonds import (
@@ -50,7 +48,7 @@ class LawTable:
     spent : float64, shape (n_laws, most teeth + 1), dimension 1
         Energy spent up to a tooth, over that of the intact bond at stretch 1.
     fracture_energy : float64, shape (n_laws,), dimension force / length
-        Of the bulk, model units.
+        Of the bulk's bonds, without the dilatation beside them; model units.
     """
 
     limit: np.ndarray
@@ -71,7 +69,7 @@ def make_law_table(laws: Sequence[BondLaw], energy_unit: float) -> LawTable:
         limit[k, :n], stiffness[k, : n + 1] = law.teeth.limit, law.teeth.stiffness
         spent[k, 1 : n + 1] = np.cumsum(-np.diff(law.teeth.stiffness) * law.teeth.limit**2)
         spent[k, n + 1 :] = spent[k, n]
-    return LawTable(limit, stiffness, teeth, spent, np.array([law.energy for law in laws]) / energy_unit)
+    return LawTable(limit, stiffness, teeth, spent, np.array([law.energy_of_bonds for law in laws]) / energy_unit)
 
 
 @dataclass(frozen=True)
@@ -139,11 +137,11 @@ class SoftenedBonds:
 
     def add_forces(self, S: np.ndarray, SI: np.ndarray, quantum: float) -> float:
         """Add the forces to a table; the largest of what `Bounds.bond` bounds."""
-        return add_softened_forces(*self._list, self.finite, S, SI, quantum)
+        return add_softened_forces(*self.listed, self.finite, S, SI, quantum)
 
     def add_tangent(self, S: np.ndarray, SI: np.ndarray, quantum: float) -> float:
         """Add the tangent's forces to a table; the largest component."""
-        return add_softened_tangent(*self._list, S, SI, quantum)
+        return add_softened_tangent(*self.listed, S, SI, quantum)
 
     def add_energies(self, S: np.ndarray, digits: np.ndarray) -> None:
         """Add the strain energies to an exact sum."""
@@ -197,12 +195,13 @@ class SoftenedBonds:
         join_rows(pairs, parent)
 
     @property
-    def _list(self):
+    def listed(self) -> tuple:
+        """What every kernel of the list begins with."""
         return self.n, self.pairs, self.strengths, self.law, self.tooth, self.laws.stiffness
 
     def _measure(self, S: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         stretch, square, energy = (np.empty(self.n) for _ in range(3))
-        measure_softened(*self._list, self.finite, S, stretch, square, energy)
+        measure_softened(*self.listed, self.finite, S, stretch, square, energy)
         return stretch, square, energy
 
     def let_go(self) -> None:
@@ -229,10 +228,8 @@ def make_softened(scene: Scene, share: Share, bonds: Bonds) -> SoftenedBonds:
     Raises
     ------
     SceneError
-        Strength and energy do not go with the internal length, or the bonds have a volumetric part.
+        Strength and energy do not go with the internal length.
     """
-    if bonds.volumetric:
-        raise SceneError([f"material.poissons_ratio {OWN_RATIO}"])
     laws, which = bond_laws(scene, share)
     unit = share.units.stress * share.units.length
     return SoftenedBonds(make_law_table(laws, unit), which, bonds.finite)

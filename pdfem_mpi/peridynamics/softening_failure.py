@@ -53,6 +53,7 @@ class SofteningFailure(Failure):
     _area: np.ndarray = field(default_factory=lambda: np.zeros(SIZE, np.int64))
     _gone_box: np.ndarray = field(default_factory=lambda: nowhere())
     _excess: float = 0.0
+    _lost: list[Broken] = field(default_factory=list)
 
     def book(self, points: Points, bonds: Bonds, S: np.ndarray) -> None:
         """Take the records into the list; `advance` finds their teeth."""
@@ -94,6 +95,8 @@ class SofteningFailure(Failure):
         skips = np.count_nonzero(moved.after - moved.before > 1)
         self._moved += np.array([len(ones), skips, 0])
         self._fresh += changes(moved, laws)
+        if self.released_at_points:
+            self._lost.append(lost(moved, laws))
 
     def close(self, comm) -> int:
         """Join the books of all ranks after an evaluation that breaks; the bonds that moved on in it. Collective."""
@@ -109,6 +112,8 @@ class SofteningFailure(Failure):
             carry(sums)
         self.dissipated, self.area = value(self._total), value(self._area)
         self._excess += value(excess)
+        if self.released_at_points:
+            close_at_points(self, comm, value(digits), value(excess))
         self.left, self.skipped = self.left + left, self.skipped + skipped
         self.soft, self.count = soft, gone
         sign = np.array([[-1.0], [1.0]])
@@ -165,6 +170,37 @@ class SofteningFailure(Failure):
         return max(
             super()._rank_ratio(bonds, S, nearest, most), self.softened.largest_ratio(S.reshape(-1), nearest**2, most)
         )
+
+
+def close_at_points(failure: SofteningFailure, comm, spent: float, excess: float) -> None:
+    """Book what the dilatations of points released with the bonds, in the parts in which these did. Collective.
+
+    Parameters
+    ----------
+    spent, excess : float, dimension force length
+        What the bonds spent at their limits and what they released beyond them, on all ranks.
+    """
+    released = failure.released_at_points(comm, all_lost(failure._lost))
+    failure._lost.clear()
+    carry(released)
+    part = spent / (spent + excess) if spent + excess > 0.0 else 1.0
+    add_products(np.array([part * value(released)]), np.ones(1), failure._total)
+    carry(failure._total)
+    failure.dissipated = value(failure._total)
+    failure._excess += (1.0 - part) * value(released)
+
+
+def lost(moved: Moved, laws: LawTable) -> Broken:
+    """Bonds that moved on, with the part of their stiffness that they lost."""
+    before, after = (laws.stiffness[moved.law, tooth] for tooth in (moved.before, moved.after))
+    return Broken(moved.pairs, moved.strengths, before - after)
+
+
+def all_lost(parts: list[Broken]) -> Broken:
+    """What bonds lost, in one table."""
+    none = Broken(np.empty((0, 2), np.int64), np.empty((0, 2), np.float32), np.empty(0))
+    names = ("pairs", "strengths", "share")
+    return Broken(*(np.concatenate([getattr(part, name) for part in [none, *parts]]) for name in names))
 
 
 def changes(moved: Moved, laws: LawTable) -> list[Broken]:

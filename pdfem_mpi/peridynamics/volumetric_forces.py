@@ -21,6 +21,7 @@ from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.bond_forces import BondForces, for_breaking
 from pdfem_mpi.peridynamics.failure import Broken, Failure
 from pdfem_mpi.peridynamics.images import SCALAR, halo_for
+from pdfem_mpi.peridynamics.softened_dilatations import add_dilatations, add_softened, sum_softened
 
 
 @dataclass
@@ -68,12 +69,16 @@ class VolumetricForces(BondForces):
         yield "bonds", partial(self._sweep_dilatations, 0, failure, margin, met, self.points.halo)
         yield "exchange", self.finish_forward
         yield "bonds", partial(self._sweep_dilatations, 1, failure, margin, met)
+        if self.bonds.softened:
+            yield "bonds", partial(sum_softened, self, failure, margin, met)
         yield "exchange", partial(self.of_points.scatter_reverse, self.qi.reshape(-1, 2, 1, W))
         yield "bonds", partial(self._make_pressures, met)
         yield "exchange", partial(self.of_points.start_forward, self.q.reshape(-1, 2, 1, W))
         yield "bonds", partial(self._sweep_forces, 0, met, self.of_points)
         yield "exchange", partial(self.of_points.finish_forward, self.q.reshape(-1, 2, 1, W))
         yield "bonds", partial(self._sweep_forces, 1, met)
+        if self.bonds.softened:
+            yield "bonds", partial(add_softened, self, met)
         yield "exchange", self.start_reverse
 
     def linearise(self, u: np.ndarray, largest_e: float) -> None:
@@ -89,12 +94,13 @@ class VolumetricForces(BondForces):
             self.q[:] = 0.0
         else:
             self.S[:, 3:6] = 2.0 * points.x.reshape(-1, 3, W) + self.S[:, 0:3]
-            bound = self._largest_e * self.law.widest * self.bonds.cutoff * self.bonds.strongest
-            self._clear(bound)
+            self._clear(self._largest_e * self.law.widest * self.bonds.cutoff * self.bonds.strongest)
             for kind, rows in enumerate(self.bonds.rows):
                 sweep = dilatation_sweeps.SWEEPS[True, self.series, False, self.law.is_weighted]
                 shared = *self._dilatation_arguments(kind), np.zeros(2), *for_breaking(self.bonds, None, 0.0)
                 self._call(sweep, len(rows.start) - 1, shared)
+            if self.bonds.softened:
+                add_dilatations(self, np.zeros(2))
             self.of_points.scatter_reverse(self.qi.reshape(-1, 2, 1, W))
             self._make_pressures(np.zeros(2))
             self.of_points.scatter_forward(self.q.reshape(-1, 2, 1, W))
@@ -122,7 +128,7 @@ class VolumetricForces(BondForces):
 
     def _clear(self, bound: float) -> None:
         """Start the sums of the dilatations anew, for terms up to a bound."""
-        self._quantum, self._pattern = pattern_for(bound)
+        self.dilatation_quantum, self._pattern = pattern_for(bound)
         rows = self.bonds.rows_of_point, self.bonds.rows_at_cluster
         dilatations.start_dilatations(self.qi, *rows, integer_bits(self._pattern))
 
@@ -149,7 +155,7 @@ class VolumetricForces(BondForces):
         """``q`` of the owned points from their sums."""
         law, points = self.law, self.points
         top = dilatations.make_pressures(
-            self.q, self.qi, 2 * points.n_owned, self._quantum, law.material, law.factor, points.volume
+            self.q, self.qi, 2 * points.n_owned, self.dilatation_quantum, law.material, law.factor, points.volume
         )
         if not self.tangent:  # whose forces are looked at one by one
             strength = 1.0 if self.bonds.finite else 2.0 * self.bonds.stiffest
@@ -172,9 +178,10 @@ class VolumetricForces(BondForces):
 
 
 def released(forces: VolumetricForces, comm, broken: Broken) -> np.ndarray:
-    """Energy of the volumetric part that bonds which the last evaluation broke took away. Collective.
+    """Energy of the volumetric part that bonds which the last evaluation broke or softened took away. Collective.
 
-    ``1/2 M w (theta^2 - theta'^2)`` of every point, ``w theta' = w theta - sum A e`` over its broken bonds.
+    ``1/2 M w (theta^2 - theta'^2)`` of every point, ``w theta' = w theta - sum A e`` over its broken bonds, and over
+    what the others lost of theirs.
 
     Returns
     -------
@@ -185,6 +192,8 @@ def released(forces: VolumetricForces, comm, broken: Broken) -> np.ndarray:
     n, digits = 2 * points.n_owned, np.zeros(SIZE, np.int64)
     listed = broken.pairs, broken.strengths, forces.S.reshape(-1), forces.bonds.finite
     terms = dilatations.listed_terms(*listed, *law.of_bonds)
+    if broken.share is not None:
+        terms *= broken.share
     quantum, _ = pattern_for(float(largest(comm, np.array([np.abs(terms).max(initial=0.0)]))[0]))
     lost = np.zeros(points.n_clusters * W, np.int64)
     np.add.at(lost, broken.pairs.reshape(-1), np.repeat(np.rint(terms / quantum).astype(np.int64), 2))

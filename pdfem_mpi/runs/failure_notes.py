@@ -70,18 +70,17 @@ def criteria(scene: Scene, share: Share, model: Model) -> dict[str, Criterion]:
     units, ratio = share.units, share.cutoff / (1.0 + CUTOFF_GUARD)
     laws, softening = laws_of_materials(scene, units.length, ratio), softening_of(scene, share)
     found = {}
-    for (name, material), own in zip(materials_of(scene).items(), model.own_energy, strict=True):
+    for name, own in zip(materials_of(scene), model.own_energy, strict=True):
         law = laws.get(name)
         if law is None:
             continue
-        bulk = material.energy_at_failure(law.first, units.length, ratio) if law.shape is None else law.energy
         square = law.first**2 if law.shape is None else law.teeth.energy
-        whole = 1.0 + material.share_of_dilatation(ratio)  # of the bonds alone
+        whole = law.energy / law.energy_of_bonds
         energies = own * square * whole * units.stress * units.length
         found[name] = Criterion(
             critical_stretch=float(law.first),
             strength=float(law.strength),
-            fracture_energy_bulk=bulk,
+            fracture_energy_bulk=law.energy,
             fracture_energy_own_bonds=None if np.isnan(energies).any() else tuple(energies.tolist()),
             softening=softening.get(name),
         )

@@ -21,6 +21,11 @@ SCENES = {
     "events": (lambda: soft_strip(**EDGE), 12),
     "events, noise, elements": (lambda: soft_strip(noise=0.05, elements=2, **EDGE), 10),
     "events, energy, finite": (lambda: soft_strip(kinematics="finite", control="energy", **EDGE), 3),
+    "events, nu 0.39": (lambda: soft_strip(noise=0.05, poissons_ratio=0.39, **EDGE), 8),
+    "events, nu 0.1, mirror planes, finite": (
+        lambda: with_mirrors(soft_strip(2.0, kinematics="finite", poissons_ratio=0.1, **EDGE)),
+        3,
+    ),
     "events, mirror planes": (lambda: with_mirrors(soft_strip(2.0, control="energy", **EDGE)), 6),
     "steps": (lambda: soft_strip(stepping=Steps(load_factors=(0.4, 0.6)), **EDGE), None),
     "ramp": (lambda: soft_strip(stepping=RAMP, solver="adr", tolerance=1e-6, **EDGE), None),

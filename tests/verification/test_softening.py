@@ -12,12 +12,12 @@ from pdfem_mpi.deck.scene import Scene
 from support.failing import followed
 from support.softening import softening_material
 
-STRENGTH = 0.035  # of f_t: 0.970 to 0.974 is found, a hundredth of it eta, within which bonds go on with the first
+STRENGTH = 0.035  # of f_t: 0.970 to 0.976 is found, a hundredth of it eta, within which bonds go on with the first
 ENERGY = (0.8, 1.2)  # of G_c A: tails are long, and at a held load the band beside the crack softens, too
 CLOSED = 1e-10
 
 
-def bar(ratio, control, cells=(13, 2, 2), band=(4.0, 9.0)):
+def bar(ratio, control, cells=(13, 2, 2), band=(4.0, 9.0), poissons_ratio=0.25):
     """A quarter of a bar between mirror planes y- and z-, pulled; only a band of two cutoffs at its middle may fail."""
     nx, ny, nz = map(float, cells)
     regions = (
@@ -27,7 +27,7 @@ def bar(ratio, control, cells=(13, 2, 2), band=(4.0, 9.0)):
     )
     return Scene(
         mesh=BoxMesh(lower=(0.0, 0.0, 0.0), upper=(nx, ny, nz), spacing=1.0, symmetry=("y-", "z-")),
-        material=softening_material(ratio),
+        material=softening_material(ratio, poissons_ratio=poissons_ratio),
         regions=regions,
         peridynamics=Peridynamics(kinematics="linear", surface_correction="virial", stiffness_noise=0.0),
         supports=(Support(face="x-", x=-0.03), Support(face="x+", x=0.03)),
@@ -39,12 +39,18 @@ def bar(ratio, control, cells=(13, 2, 2), band=(4.0, 9.0)):
 
 
 @pytest.mark.parametrize(
-    "ratio, control", [(5.0, "load"), pytest.param(20.0, "load", marks=pytest.mark.slow),
-                       pytest.param(5.0, "energy", marks=pytest.mark.slow)],
-)  # fmt: skip
-def test_strength_and_energy_of_a_bar(ratio, control):
+    "ratio, control, nu",
+    [
+        (5.0, "load", 0.25),
+        (5.0, "load", 0.39),
+        pytest.param(5.0, "load", 0.2, marks=pytest.mark.slow),
+        pytest.param(20.0, "load", 0.25, marks=pytest.mark.slow),
+        pytest.param(5.0, "energy", 0.25, marks=pytest.mark.slow),
+    ],
+)
+def test_strength_and_energy_of_a_bar(ratio, control, nu):
     """The peak is f_t times the section; energy spent over G_c times the section; the ledger closes."""
-    scene = bar(ratio, control)
+    scene = bar(ratio, control, poissons_ratio=nu)
     run = followed(scene)
     units, area = run.body.share.units, 4.0
     peak = run.body.state.program["peak"] * units.force / (scene.material.tensile_strength * area)

@@ -5,7 +5,8 @@ import pytest
 from scipy.integrate import quad
 
 from pdfem_mpi.body.softening import law_of, laws_of_bonds
-from pdfem_mpi.body.softening_law import Shape, brittle, make_teeth, strength_factor
+from pdfem_mpi.body.softening_law import Shape, Teeth, brittle, make_teeth, strength_factor
+from pdfem_mpi.body.traction_opening import dilatation_energy
 from pdfem_mpi.deck.materials import Interface, Material
 from pdfem_mpi.deck.table import SceneError
 from support.bodies import make_scene
@@ -95,6 +96,49 @@ def test_too_long_a_length_has_no_law():
 def test_with_a_drop_the_body_is_as_strong_as_its_bonds(ratio):
     """A drop to 1/2 leaves no hardening, whatever follows."""
     assert strength_factor(make_teeth(Shape(0.5).branch(ratio), 1.25)) == pytest.approx(1.0, abs=SAMPLED)
+
+
+@pytest.mark.parametrize("nu", [0.2, 0.33, 0.39, 0.45])
+def test_with_a_drop_the_body_is_as_strong_at_other_poissons_ratios(nu):
+    """The stress of a uniaxial strain state, from the quadratic form of all bonds and the dilatation."""
+    assert strength_factor(make_teeth(Shape(0.5).branch(20.0), 1.25), nu) == pytest.approx(1.0, abs=SAMPLED)
+    law = law_of(
+        Material(youngs_modulus=E, poissons_ratio=nu, tensile_strength=2.6, fracture_energy=0.5), 3.0, CUTOFF, 1.25
+    )
+    assert law.first == pytest.approx(2.6 / E, rel=EXACT)
+
+
+def test_low_ratios_and_long_branches_harden_and_have_their_strength():
+    """At a Poisson's ratio of 0 and R near 100 bonds begin earlier, so that the body has the deck's strength."""
+    material = Material(youngs_modulus=E, poissons_ratio=0.0, tensile_strength=2.6, fracture_energy=0.6)
+    law = law_of(material, 3.0, CUTOFF, 1.25)
+    assert law.final / law.first > 80.0 and law.first < 0.95 * 2.6 / E
+    assert E * law.first * strength_factor(
+        Teeth(law.teeth.limit / law.first, law.teeth.stiffness), 0.0
+    ) == pytest.approx(2.6, rel=SAMPLED)
+
+
+@pytest.mark.parametrize("name", ["straight", "kink"])
+@pytest.mark.parametrize("nu", [0.2, 0.39])
+def test_energy_has_that_of_the_dilatation_in_it(nu, name):
+    """G_c = C mu l s_t^2 (energy of the branch + (lambda - mu) / mu times that of the dilatation)."""
+    shape, material = (
+        SHAPES[name],
+        Material(youngs_modulus=E, poissons_ratio=nu, tensile_strength=2.6, fracture_energy=0.11),
+    )
+    if name == "kink":
+        material = material.model_copy(update={"kink_stretch_ratio": 0.26, "kink_force_ratio": 0.114})
+    law = law_of(material, LENGTH, CUTOFF, 1.25)
+    mu, lacks = E / (2.0 * (1.0 + nu)), (4.0 * nu - 1.0) / (1.0 - 2.0 * nu)
+    ratio = law.final / law.first
+    unit = 4.843 * mu * LENGTH * law.first**2
+    expected = shape.branch(ratio).energy + lacks * dilatation_energy(shape, ratio, CUTOFF)
+    assert unit * expected == pytest.approx(0.11, rel=2e-4)
+    assert law.energy_of_bonds == pytest.approx(unit * shape.branch(ratio).energy, rel=2e-4)
+    near = law_of(material, 0.999 * law.longest, CUTOFF, 1.25)
+    assert near.final / near.first < 1.02 / (shape.kink or (1.0,))[0]
+    with pytest.raises(ValueError, match="is too long"):
+        law_of(material, 1.001 * law.longest, CUTOFF, 1.25)
 
 
 def test_without_a_drop_the_body_hardens():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.body.softening_law import Shape
-from pdfem_mpi.body.traction_opening import curve_energy, fit_curve, transmitted
+from pdfem_mpi.body.traction_opening import curve_energy, dilatation_energy, fit_curve, transmitted
 from pdfem_mpi.deck.materials import Material
 
 BILINEAR = ((0.0, 2.59), (0.0361, 0.61), (0.203, 0.0))
@@ -45,6 +45,26 @@ def test_far_above_the_first_stretch_the_curve_hangs_on_no_length():
         for length in (5.0, 2.5)
     ]
     assert np.abs(curves[0] - curves[1]).max() < 0.02 * 2.6
+
+
+@pytest.mark.parametrize("ratio", [1.0001, 20.0])
+def test_dilatation_beside_a_plane_that_opens(ratio):
+    """Points at many heights, each with its own bonds across the plane: what the opening spends on the dilatation."""
+    branch = Shape(0.5).branch(ratio)
+    middles = (np.arange(150) + 0.5) / 150
+    r, m = (grid.reshape(-1) for grid in np.meshgrid(2.5 * middles, middles))
+    heights = (np.arange(100) + 0.5) / 100 * 2.5
+    weight = 2.5 * r**3 * np.exp(-(r**2)) / len(r)
+    openings = np.geomspace(1e-3, 100.0 * ratio, 120)
+    above = (r * m > heights[:, None]).astype(float)
+
+    def stored(w):
+        s = w * m / r
+        force = np.where(s < 1.0, s, np.interp(s, branch.stretch, branch.force, right=0.0))
+        return ((3.0 * (above @ (weight * force))) ** 2).sum() * 2.5 / len(heights)
+
+    spent = 2.0 * np.trapezoid([stored(w) for w in openings], np.log(openings))
+    assert dilatation_energy(Shape(0.5), ratio, 2.5) == pytest.approx(spent / 4.843, rel=SAMPLED)
 
 
 def test_fit_of_a_bilinear_curve():
