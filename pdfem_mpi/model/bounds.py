@@ -50,6 +50,10 @@ class Bounds:
             for more, bound in zip(change, (self.bond, self.element), strict=True)
         )
 
+    def scale(self, factor: float) -> None:
+        """Follow displacements that have become larger by a power of two, and with them what they meet."""
+        self.bond, self.element = max(factor * self.bond, 2.0**-199), max(factor * self.element, 2.0**-199)
+
     def votes(self, met: np.ndarray) -> tuple[int, int, int]:
         """A rank's votes on what its evaluation met, to be added over all ranks.
 

@@ -32,9 +32,9 @@ from pdfem_mpi.runs.memory_estimate import show_bytes
 from pdfem_mpi.runs.notes import describe_taken
 from pdfem_mpi.runs.sanity import doubts
 
-#: Evaluations of an equilibrium by conjugate gradients to 1e-6 (README), with Newton's method for finite kinematics.
+#: Evaluations of an equilibrium by conjugate gradients to 1e-6 (docs/overview.md), with Newton's method where finite.
 CG_EVALUATIONS = {"linear": 20, "finite": 60}
-#: Evaluations of relaxation for a cell of the body's length, to 1e-6 (README).
+#: Evaluations of relaxation for a cell of the body's length, to 1e-6 (docs/overview.md).
 ADR_EVALUATIONS = 8
 #: Evaluations whose mean tells the speed.
 TIMED = 2

@@ -8,6 +8,7 @@ import numpy as np
 
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.krylov import finish_product, take_step
+from pdfem_mpi.model.bounds import power_above
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.mechanisms import describe_motion
 from pdfem_mpi.model.not_finite import NotFinite, describe_not_finite
@@ -22,6 +23,8 @@ DRIFT, LOWERED, NEAR_ROUND_OFF = 100.0, 1e-3, 1e4
 #: Eigenvalues of the preconditioned stiffness below this belong to mechanisms. Bodies had 0.16 and more, one with a
 #: crack through half its width 0.009.
 NO_STIFFNESS = 1e-6
+#: Bounds are lowered when the residual has fallen by the one, and keep the other as room for rougher directions.
+MOST_ROOM, ROOM = 64.0, 4.0
 
 
 class Sequence:
@@ -43,6 +46,7 @@ class Sequence:
         self.coefficients = Coefficients()
         self.met: list[np.ndarray] = []
         self.first_norm, self.norm = 0.0, 0.0
+        self._size = 0.0  # the power of two above the residual's norm that bounds were set for
 
     def relative_energy_error(self, energy: float) -> float | None:
         """Estimated energy norm of the error over that of the displacements, None without steps to judge by."""
@@ -106,9 +110,7 @@ class Sequence:
                     "solver.max_evaluations were used up before the tolerance was reached. "
                     + (self.obstacle() or "Allow more evaluations or a larger tolerance.")
                 )
-            self.preconditioner.apply(r, self.norm, self.z)
-            if not self.coefficients.alpha:
-                forces.guess_bounds(self.z)
+            self._precondition(r)
             gamma_old, (gamma, delta) = gamma, self._sweep(r)
             if math.isnan(gamma) or math.isnan(delta):
                 raise NotFinite(describe_not_finite(forces.model, self.z, self.w))
@@ -138,13 +140,39 @@ class Sequence:
             if self.norm <= goal or (self.norm > DRIFT * best and best <= trusted):
                 return
 
+    def _precondition(self, r) -> None:
+        """``z = P r``; whether the first one counts is seen at once, that of later ones after the sweep. Collective.
+
+        Bounds follow the residual, which ``z`` is proportional to: lowering them by what was met takes a reduction.
+        """
+        size = power_above(self.norm)
+        if self.met:
+            self.preconditioner.apply(r, self.norm, self.z)
+        else:
+            self.preconditioner.apply_surely(r, self.norm, self.z)
+        if not self.coefficients.alpha:
+            self.forces.guess_bounds(self.z)
+            self._size = size
+        elif size > self._size or size < self._size / MOST_ROOM:
+            size = max(size, min(ROOM * size, self._size))
+            self.forces.bounds.scale(size / self._size)
+            self._size = size
+
     def _sweep(self, r) -> list[float]:
-        """``w = K z``, and the products ``r.z`` and ``z.w`` in one reduction. Collective."""
-        forces = self.forces
+        """``w = K z``, and the products ``r.z`` and ``z.w`` in one reduction, with all votes on bounds. Collective."""
+        forces, preconditioner = self.forces, self.preconditioner
         while True:
+            before = forces.bounds.bond, forces.bounds.element
             forces.evaluate(self.z, self.nothing, self.w)
             digits = np.zeros((2, SIZE), np.int64)
             finish_product(self.w, self.fixed, self.z, r, digits)
-            joined = sum_integers(forces.model.comm, np.concatenate([digits.reshape(-1), forces.flags()]))
-            if forces.check_bounds(joined[-3:]):
-                return [value(row) for row in joined[:-3].reshape(2, SIZE)]
+            votes = forces.flags() + preconditioner.flags()
+            joined = sum_integers(forces.model.comm, np.concatenate([digits.reshape(-1), votes]))
+            if not preconditioner.check_bounds(joined[-3:]):
+                preconditioner.apply_surely(r, self.norm, self.z)
+                continue
+            counts = forces.check_bounds(joined[-6:-3])
+            if before != (forces.bounds.bond, forces.bounds.element):
+                self._size = power_above(self.norm)
+            if counts:
+                return [value(row) for row in joined[:-6].reshape(2, SIZE)]

@@ -25,9 +25,9 @@ pytestmark = pytest.mark.mpi
 MOST_BYTES = 12 * 8 * SIZE
 
 
-def scene_of(ranks, n_elements=0):
+def scene_of(ranks, n_elements=0, tolerance=1e-3):
     """A bar of cubes of 6 x 6 x 6 cells."""
-    return make_scene((6 * ranks, 6, 6), n_elements, correction="none", solver="cg", tolerance=1e-3)
+    return make_scene((6 * ranks, 6, 6), n_elements, correction="none", solver="cg", tolerance=tolerance)
 
 
 @pytest.mark.parametrize("coupled", [False, True], ids=["bonds", "coupled"])
@@ -48,6 +48,22 @@ def test_an_iteration_reduces_little_and_sends_to_neighbours(coupled):
     found = join(counted, own, 1e3 + own.waited, row.convergence.evaluations)
     assert_all(counted, (found is None) == (counted.rank > 0 or counted.size == 1))
     assert_all(counted, found is None or (found["imbalance"] == 1.0 and found["messages_per_evaluation"]["mean"] > 1.0))
+
+
+def test_an_iteration_of_conjugate_gradients_reduces_twice():
+    """Its dot products with all votes on bounds, and the norm of the next residual: what more iterations add.
+
+    Once in a solve its bounds are lowered to what was met, by one more.
+    """
+    counted, counts = CountingComm(world()), []
+    for tolerance in (1e-2, 1e-6):
+        body = build(scene_of(2, 6, tolerance), counted)
+        solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
+        counted.reset()
+        (row,) = follow_load_program(body.scene, solve, None, body.state, body.case)
+        counts.append((row.convergence.evaluations, counted.calls["Allreduce"]))
+    more, reductions = np.diff(counts, axis=0)[0]
+    assert_all(counted, more >= 5 and reductions <= 2 * more + 1, f"{reductions} reductions for {more} iterations")
 
 
 def test_the_coarse_grid_is_on_the_first_rank_alone():

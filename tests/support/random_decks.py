@@ -67,24 +67,25 @@ def random_scene(seed: int, folder: Path) -> Scene:
     """The scene of a seed; a mesh file of it is written to the folder."""
     rng = np.random.default_rng([20261129, seed])
     while True:
-        deck = _draw(rng, Path(folder) / f"mesh_{seed}.inp")
+        deck = draw_deck(rng, Path(folder) / f"mesh_{seed}.inp")
         deck["title"] = f"random {seed}"
         try:
-            scene = Scene(**_frozen(deck))
+            scene = Scene(**frozen(deck))
             discretize(scene)
         except (ValidationError, SceneError):
             continue
         return scene
 
 
-def _frozen(value):
+def frozen(value):
     """Lists as tuples, all the way down: scenes convert nothing."""
     if isinstance(value, dict):
-        return {name: _frozen(entry) for name, entry in value.items()}
-    return tuple(map(_frozen, value)) if isinstance(value, list) else value
+        return {name: frozen(entry) for name, entry in value.items()}
+    return tuple(map(frozen, value)) if isinstance(value, list) else value
 
 
-def _draw(rng: np.random.Generator, path: Path) -> dict:
+def draw_deck(rng: np.random.Generator, path: Path) -> dict:
+    """The tables of a deck, which may not be a valid one; where its mesh is a file, it is written to the path."""
     cells = np.ones(3, int)
     while True:
         cells = np.array([rng.integers(1, 4), rng.integers(1, 4), rng.integers(1, 3)])

@@ -16,11 +16,11 @@ from pdfem_mpi.body.share import Share
 from pdfem_mpi.finite_elements.nodes import local_nodes
 from pdfem_mpi.kernels.multigrid import add_block_products, interpolate_to_points, restrict_points
 from pdfem_mpi.kernels.rounding import pattern_for
-from pdfem_mpi.model.bounds import Bounds
+from pdfem_mpi.model.bounds import COARSE, Bounds, power_above
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
 from pdfem_mpi.model.model import Model, build_intact_elements
-from pdfem_mpi.parallel.comm import largest
+from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.failure import Broken
 from pdfem_mpi.peridynamics.point_blocks import PointBlocks, point_blocks
@@ -77,25 +77,28 @@ class Preconditioner:
     def apply(self, r: np.ndarray, size: float, z: np.ndarray) -> None:
         """``z = P r``. Collective.
 
+        The result counts only if `check_bounds` of all ranks' `flags` says so; else apply again.
+
         Parameters
         ----------
         r : float64, shape (n_unknowns,), dimension force
             0 on fixed unknowns.
         size : float, dimension force
-            A bound of ``|r_i|``, equal on all ranks.
+            A bound of ``|r_i|``, equal on all ranks. The cycle works on ``r`` over the power of two above it, so that
+            what it meets, and with that its bounds, stay of one size while the residual falls.
         z : float64, shape (n_unknowns,), dimension length
             Overwritten; 0 on fixed unknowns.
         """
         unknowns, nodes = self.model.unknowns, self.forces.model.nodes
-        quantum, _ = pattern_for(64.0 * size)
+        quantum, scale = pattern_for(64.0)[0], power_above(size)
         sums = np.zeros((len(nodes.number), 3), np.int64)
-        restrict_points(self.cells, unknowns.of_points(r), quantum, sums)
-        sums[self.own_nodes] += np.rint(unknowns.of_nodes(r) / quantum).astype(np.int64)
+        restrict_points(self.cells, unknowns.of_points(r), quantum * scale, sums)
+        sums[self.own_nodes] += np.rint(unknowns.of_nodes(r) / (quantum * scale)).astype(np.int64)
         nodes.halo.scatter_reverse(sums)
         right = (sums[: nodes.n_owned] * quantum).reshape(-1)
         right[self.fixed] = 0.0
         correction = np.zeros((len(nodes.number), 3))
-        correction[: nodes.n_owned] = self._cycle(right, quantum).reshape(-1, 3)
+        correction[: nodes.n_owned] = self._cycle(right, quantum).reshape(-1, 3) * scale
         nodes.halo.scatter_forward(correction)
         interpolate_to_points(self.cells, correction, unknowns.of_points(z))
         unknowns.of_nodes(z)[:] = correction[self.own_nodes]
@@ -103,6 +106,23 @@ class Preconditioner:
         add_block_products(True, self.blocks[:n], OMEGA, unknowns.of_points(r), unknowns.of_points(z))
         of_nodes = (unknowns.of_nodes(vector).reshape(-1) for vector in (r, z))
         add_block_products(False, self.blocks[n:], OMEGA, *of_nodes)
+
+    def apply_surely(self, r: np.ndarray, size: float, z: np.ndarray) -> None:
+        """`apply`, again until the bounds hold and fit. Collective; for where no sum of others is due."""
+        bounds, enough = self.forces.bounds, False
+        while not enough:
+            before = bounds.element
+            self.apply(r, size, z)
+            counts = self.check_bounds(sum_integers(self.model.comm, np.array(self.flags())))
+            enough = counts and before <= COARSE * bounds.element
+
+    def flags(self) -> tuple[int, int, int]:
+        """This rank's votes about the bounds of the last cycle, as `Forces.flags`."""
+        return self.forces.flags()
+
+    def check_bounds(self, votes: np.ndarray) -> bool:
+        """Act on the summed votes, as `Forces.check_bounds`. Collective."""
+        return self.forces.check_bounds(votes)
 
     def update_after_breaks(self, broken: Broken) -> None:
         """Renew the blocks of points that lost bonds; nodes of the overlap keep theirs. Collective."""
@@ -115,14 +135,16 @@ class Preconditioner:
         x, residual = np.zeros_like(right), np.empty_like(right)
         add_block_products(False, self.cycle_blocks, self.damping, right, x)
         self._residual(x, right, residual)
+        met = self.forces.met.copy()
         self.grid.add_correction(residual, quantum, x)
         x[self.fixed] = 0.0
         self._residual(x, right, residual)
+        np.maximum(met, self.forces.met, out=self.forces.met)
         add_block_products(False, self.cycle_blocks, self.damping, residual, x)
         return x
 
     def _residual(self, x, right, residual):
-        self.forces.evaluate_surely(x, right, residual)
+        self.forces.evaluate(x, right, residual)
         residual[self.fixed] = 0.0
 
 

@@ -1,4 +1,4 @@
-"""The paper's bar (section 4.1) at full size in all its models: the README's results table."""
+"""The paper's bar (section 4.1) at full size in all its models: the table of docs/paper_bar.md."""
 
 from __future__ import annotations
 

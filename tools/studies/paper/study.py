@@ -36,7 +36,7 @@ def main(words: list[str]) -> int:
     parser.add_argument("--ranks", type=int, default=2, help="ranks of each run")
     parser.add_argument("--again", action="store_true", help="measure the small bodies again")
     parser.add_argument(
-        "--bar", nargs="*", metavar="KEY=VALUE", help="print the README's table of the bar instead, keys set"
+        "--bar", nargs="*", metavar="KEY=VALUE", help="print the table of docs/paper_bar.md instead, keys set"
     )
     options = parser.parse_args(words)
     if options.bar is not None:
