@@ -123,7 +123,7 @@ def _with_dilatation(
 ) -> tuple[Bonds, BodyFit]:
     """Fit the weights of the dilatation too, or take earlier ones, where there is a volumetric part. Collective.
 
-    They depend on the factors, by the fingerprint of their fit, and not on Poisson's ratio.
+    They depend on the factors, and are named by the fingerprint of their fit.
     """
     if bonds.volumetric is None or outcome.fit is None:
         return bonds, outcome
