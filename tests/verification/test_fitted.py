@@ -262,7 +262,6 @@ def test_a_second_run_does_not_fit_the_dilatation_again(tmp_path, monkeypatch):
     assert again["fields_sha256"] == first["fields_sha256"]
 
 
-
 def test_a_thin_body_gets_the_virial_correction_and_is_told_where():
     """One cell of thickness: no positive fit exists and the free one is unstable."""
     body = fitted((6, 5, 1))
