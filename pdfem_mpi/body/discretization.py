@@ -19,11 +19,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pdfem_mpi.body.fitted_bodies import FittedBodies, find_fitted_bodies, same_bonds
+from pdfem_mpi.body.describing import describe
 from pdfem_mpi.body.materials import MaterialTable, material_table
-from pdfem_mpi.body.meshing import check_folded, describe_folded, make_mesh
+from pdfem_mpi.body.meshing import describe_folded, make_mesh
 from pdfem_mpi.body.model_units import ModelUnits, quantum_for
-from pdfem_mpi.body.overlap import check_cracks, check_joints, check_overlap_materials, find_overlap
 from pdfem_mpi.body.regions import assign_regions
 from pdfem_mpi.deck.meshes import FileMesh, PlateWithHoleMesh
 from pdfem_mpi.deck.scene import Scene
@@ -192,22 +191,13 @@ def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
     materials = material_table(scene)
     material = np.array([materials.names.index(r.material) for r in scene.regions], np.int16)[region]
-    bodies = _find_bodies(scene, mesh, peridynamic, materials, material)
-    is_overlap, has_points = bodies.is_overlap, bodies.number >= 0
-    report_progress()
-    check_folded(mesh, quality, has_points)
-    check_overlap_materials(scene, mesh, region, materials.poissons_ratio[material], is_overlap, has_points)
-    keeps_both = scene.coupling.kind == "paper_a"
-    has_stiffness = ~peridynamic & (keeps_both | ~is_overlap)
-
+    described = describe(scene, mesh, quality, region, peridynamic, (materials, material))
     length, cutoff_radius, quantum = mesh.mean_edge, 0.0, 0.0
-    if has_points.any():
+    if described["has_points"].any() or scene.is_adaptive:
         length, cutoff_radius = scene.peridynamics.lengths(_cell_edge(scene, mesh))
         quantum = quantum_for(mesh.lower, mesh.upper, length) if scene.can_fail else 0.0
     units = ModelUnits(length, scene.material.youngs_modulus, 0.5 * (mesh.lower + mesh.upper), quantum)
 
-    carries = np.zeros(len(mesh.nodes), bool)
-    carries[mesh.cells[has_stiffness | is_overlap]] = True
     return Discretization(
         mesh=mesh,
         quality=quality,
@@ -216,13 +206,7 @@ def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None
         region=region,
         material=material,
         materials=materials.rounded(units),
-        is_peridynamic=peridynamic,
-        has_points=has_points,
-        is_overlap=is_overlap,
-        body=bodies.number,
-        thin=bodies.thin,
-        has_stiffness=has_stiffness,
-        carries=carries,
+        **described,
         cutoff=units.numbers(cutoff_radius / length) * (1.0 + CUTOFF_GUARD),
         mirrors=mirrors_at(scene.mesh.symmetry, *units.places(np.array([mesh.lower, mesh.upper]))),
         has_cycle=scene.has_cycle,
@@ -242,35 +226,6 @@ def _measure(mesh: HexMesh, comm: Intracomm | None) -> Quality:
     (longest,) = largest(comm, np.array([found.longest_edge])).tolist()
     shortest, jacobian, volume = (-low).tolist()
     return Quality(shortest, longest, jacobian, volume)
-
-
-def _find_bodies(
-    scene: Scene, mesh: HexMesh, peridynamic: np.ndarray, materials: MaterialTable, material: np.ndarray
-) -> FittedBodies:
-    """Bodies between which there are no bonds: several where factors are fitted, else one.
-
-    Parameters
-    ----------
-    peridynamic : bool, shape (n_cells,)
-    material : int16, shape (n_cells,)
-
-    Raises
-    ------
-    SceneError
-        An overlap that does not fit, or joints of fitted bodies that bonds would be needed for.
-    """
-    thin = np.empty(0, np.int64)
-    if scene.peridynamics.surface_correction == "fitted" and peridynamic.any():
-        kind = same_bonds(materials)[material]
-        is_overlap = find_overlap(scene, mesh, peridynamic, ~np.isin(kind, kind[peridynamic]))
-        found = find_fitted_bodies(mesh, peridynamic, is_overlap, kind)
-        if not len(found.thin):
-            check_joints(scene, materials, material, found.number)
-            check_cracks(scene, mesh, peridynamic & found.is_overlap)
-            return found
-        thin = found.thin
-    is_overlap = find_overlap(scene, mesh, peridynamic)
-    return FittedBodies(np.where(peridynamic | is_overlap, 0, -1).astype(np.int32), is_overlap, thin)
 
 
 def _cell_edge(scene: Scene, mesh: HexMesh) -> float:

@@ -18,6 +18,7 @@ import numpy as np
 from pdfem_mpi.body.boundaries import Boundaries
 from pdfem_mpi.body.counts import Counts, count
 from pdfem_mpi.body.discretization import Discretization, discretize
+from pdfem_mpi.body.found_region import FoundRegion, Turning, WholeRegion, cut_around, turn
 from pdfem_mpi.body.locating import Weights
 from pdfem_mpi.body.materials import MaterialTable
 from pdfem_mpi.body.model_units import ModelUnits
@@ -26,6 +27,7 @@ from pdfem_mpi.body.probing import place_probes
 from pdfem_mpi.body.selection import Selections, select_places
 from pdfem_mpi.body.subdomain import (
     Subdomain,
+    by_places,
     count_neighbours,
     cut_out,
     locality_order,
@@ -44,6 +46,13 @@ from pdfem_mpi.parallel.sums import exact_dots
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
+
+
+#: What a share has of each cell of the whole body.
+OF_CELLS = (
+    "region", "material", "is_peridynamic", "has_points", "is_overlap", "has_stiffness", "body", "point_row",
+    "free_row",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -82,16 +91,14 @@ class Share:
         Sizes of the body; edge of cells taken as cubes, the median over the body, model units.
     joint_regions, overlap_regions : int64
         Regions with peridynamic cells that follow nodes, and those with overlap cells; rising.
-    quality : Quality
-        Of the whole mesh.
-    notes, crack_notes : tuple of str
-        What a user should know of the mesh, and of cracks through the overlap.
+    quality, notes, crack_notes : Quality, tuples of str
+        Of the whole mesh; what a user should know of it, and of cracks through the overlap.
     mesh_sha256, body_sha256 : str
         Of the mesh's content, and of nodes, cells and regions in model units.
     probes, selections : dict of Weights, Selections
         What columns of probes read; where the deck's loads and supports act, and what its probes of sets read.
-    boundaries : Boundaries or None
-        What the fit of bond factors asks of the body, where the deck wants one.
+    boundaries, found : Boundaries, FoundRegion, or None
+        What the fit of bond factors asks of the body; a region of bonds that the run finds. Where the deck wants them.
     """
 
     comm: Intracomm
@@ -130,6 +137,7 @@ class Share:
     probes: dict[str, Weights]
     selections: Selections
     boundaries: Boundaries | None
+    found: FoundRegion | None = None
 
     @property
     def is_owned(self) -> np.ndarray:
@@ -199,13 +207,22 @@ class Share:
         )
 
 
-def share_of(scene: Scene, comm: Intracomm, mesh: HexMesh | None = None) -> Share:
-    """This rank's share of a scene's body; see `discretize`. Collective."""
-    return make_share(scene, discretize(scene, mesh, comm), comm)
+def share_of(scene: Scene, comm: Intracomm, mesh: HexMesh | None = None, turning: Turning | None = None) -> Share:
+    """This rank's share of a scene's body, see `discretize`, with cells that are turned, see `turn`. Collective."""
+    whole = discretize(scene, mesh, comm)
+    if not scene.is_adaptive:
+        return make_share(scene, whole, comm)
+    region = turn(scene, whole, turning)
+    return make_share(scene, region.whole, comm, region)
 
 
-def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
+def make_share(scene: Scene, whole: Discretization, comm: Intracomm, region: WholeRegion | None = None) -> Share:
     """Cut a rank's share out of the whole body. Collective.
+
+    Parameters
+    ----------
+    region : WholeRegion, optional
+        Of the whole body, where the run finds where bonds are needed.
 
     Raises
     ------
@@ -216,6 +233,9 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
     numbers = cut_out(whole, owner, comm.rank)
     seen = whole.mesh.neighbours(owner == comm.rank)
     seen[numbers.ghosts] = True
+    around = cut_around(whole, owner, comm.rank) if region else None
+    if around:
+        seen[around.ghosts] = True
     mesh = take_part(whole.mesh, seen)
     centred = whole.units.places(np.array([whole.mesh.lower, whole.mesh.upper]))
 
@@ -228,22 +248,14 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
     return Share(
         comm=comm,
         mesh=mesh,
-        subdomain=_by_places(numbers, mesh),
+        subdomain=by_places(numbers, mesh),
         cell_owner=of_cells(owner),
         units=whole.units,
         nodes=of_nodes(whole.nodes),
         lower=centred[0],
         upper=centred[1],
-        region=of_cells(whole.region),
-        material=of_cells(whole.material),
         materials=whole.materials,
-        is_peridynamic=of_cells(whole.is_peridynamic),
-        has_points=of_cells(whole.has_points),
-        is_overlap=of_cells(whole.is_overlap),
-        has_stiffness=of_cells(whole.has_stiffness),
-        body=of_cells(whole.body),
-        point_row=of_cells(whole.point_row),
-        free_row=of_cells(whole.free_row),
+        **{name: of_cells(getattr(whole, name)) for name in OF_CELLS},
         element_row=of_cells(np.where(whole.has_nodes, np.cumsum(whole.has_nodes) - 1, -1)),
         node_row=of_nodes(whole.node_row),
         cutoff=whole.cutoff,
@@ -262,6 +274,7 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm) -> Share:
         probes=place_probes(scene, whole),
         selections=select_places(scene, whole).part(mesh),
         boundaries=Boundaries.of(scene, whole, mesh),
+        found=region.rows.part(mesh, by_places(around, mesh)) if region else None,
     )
 
 
@@ -270,14 +283,6 @@ def _doubled(scene: Scene, whole: Discretization) -> np.ndarray:
     if getattr(scene.mesh, "doubled_nodes", "refuse") == "refuse":
         return np.empty((0, 4, 3))
     return (doubled_faces(whole.mesh)[0] - whole.units.origin) / whole.units.length
-
-
-def _by_places(numbers: Subdomain, mesh: MeshPart) -> Subdomain:
-    """The same cells and nodes by their places in a part of the mesh."""
-    cells = {name: mesh.places_of_cells(getattr(numbers, name)) for name in
-             ("free", "overlap", "ghosts", "images", "elements")}  # fmt: skip
-    nodes = {name: mesh.places_of_nodes(getattr(numbers, name)) for name in ("owned_nodes", "ghost_nodes")}
-    return replace(numbers, **cells, **nodes)
 
 
 def _typical_edge(whole: Discretization) -> float:

@@ -7,7 +7,7 @@ owned elements and overlap cells that another rank owns.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +24,8 @@ from pdfem_mpi.parallel.comm import report_progress, sum_integers
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
+
+    from pdfem_mpi.mesh.part import MeshPart
 
 #: Cost of a bond sweep over the neighbour cells of a peridynamic cell, per neighbour, of one element, and of any cell
 #: in the cycle of conjugate gradients' preconditioner; units of ns.
@@ -156,6 +158,14 @@ def cut_out(discretization: Discretization, owner: np.ndarray, rank: int) -> Sub
         ghost_nodes=ghost_nodes,
         ghost_node_owner=owner_of_node[ghost_nodes],
     )
+
+
+def by_places(numbers: Subdomain, mesh: MeshPart) -> Subdomain:
+    """The same cells and nodes by their places in a part of the mesh."""
+    cells = {name: mesh.places_of_cells(getattr(numbers, name)) for name in
+             ("free", "overlap", "ghosts", "images", "elements")}  # fmt: skip
+    nodes = {name: mesh.places_of_nodes(getattr(numbers, name)) for name in ("owned_nodes", "ghost_nodes")}
+    return replace(numbers, **cells, **nodes)
 
 
 def node_owners(mesh: HexMesh, carries: np.ndarray, owner: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Literal
 
 from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Interface, Material, all_materials
 from pdfem_mpi.deck.meshes import SPACING_TOLERANCE, Mesh
-from pdfem_mpi.deck.regions import Region, has_model
+from pdfem_mpi.deck.regions import Region, can_have_bonds, has_model
 from pdfem_mpi.deck.table import Problem, Table, Vector, key, show
 
 MOST_CORNERS, FEW_CORNERS = 1000, 64  # of a crack: each bond near it is compared with all; all pairs are looked at
@@ -198,7 +198,7 @@ def check_volumetric(
     fitted = peridynamics.surface_correction == "fitted"
     if not has_model(regions, "peridynamics") or not (fitted and can_fail):
         return []
-    bonded = {region.material for region in regions if region.model == "peridynamics"}
+    bonded = {region.material for region in regions if can_have_bonds(region)}
     return [
         Problem(
             f"{where}.poissons_ratio",

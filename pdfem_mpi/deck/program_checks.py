@@ -9,7 +9,7 @@ from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.materials import Interface, Material, all_materials
 from pdfem_mpi.deck.peridynamics import Peridynamics
 from pdfem_mpi.deck.programs import Solver
-from pdfem_mpi.deck.regions import Region, has_model
+from pdfem_mpi.deck.regions import Region, can_have_bonds, has_model
 from pdfem_mpi.deck.softening import CRITERION
 from pdfem_mpi.deck.table import MOST_HINTS, Problem, did_you_mean, show
 
@@ -33,7 +33,7 @@ def check_failure(
             if table.can_fail
         ]
         return problems or _needs_failure(stepping, "finite elements do not break. Describe a region by peridynamics.")
-    bonded = [region for region in regions if region.model == "peridynamics"]
+    bonded = [region for region in regions if can_have_bonds(region)]
     breakable = any(tables[region.material][1].can_fail for region in bonded if region.material in tables)
     if not breakable and not any(interface.can_fail for interface in interfaces):
         return _needs_failure(

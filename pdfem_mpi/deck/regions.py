@@ -27,8 +27,8 @@ class Region(Table):
     ----------
     name : str
         Loads, supports and probes refer to the region by it.
-    model : "finite_elements" or "peridynamics"
-        Elements, or bonds that can break.
+    model : "finite_elements", "peridynamics" or "auto"
+        Elements; bonds that can break; or elements, and bonds where the run finds that they are needed (`[adaptive]`).
     material : str
         Name of a table [materials.NAME]; "default" (the default) is the table [material].
     lower, upper : three floats or None, dimension length
@@ -43,12 +43,14 @@ class Region(Table):
     may_fail : bool or None
         False: bonds with an end in this region never break. None (default): they may, but for those between two points
         of the overlap, which follow element nodes. True: these too, which a run warns of.
+    always_elements : bool
+        With "auto": the cells of this region are never turned into bonds.
     set : str or None
         Or the cells of a named set of the mesh file.
     """
 
     name: str = key(min_length=1, remedy="Give the region a name that loads and supports can refer to.")
-    model: Literal["finite_elements", "peridynamics"] = key(remedy="Give the model that describes its cells.")
+    model: Literal["finite_elements", "peridynamics", "auto"] = key(remedy="Give the model that describes its cells.")
     material: str = key(DEFAULT_MATERIAL)
     lower: Vector | None = key(None, dimension="length")
     upper: Vector | None = key(None, dimension="length")
@@ -56,6 +58,7 @@ class Region(Table):
     radius: float | None = key(None, gt=0, dimension="length")
     axis: Literal["x", "y", "z"] | None = key(None)
     may_fail: bool | None = key(None)
+    always_elements: bool = key(False)
     set: str | None = key(None)
 
     def problems(self) -> list[Problem]:
@@ -73,18 +76,27 @@ class Region(Table):
         return problems
 
 
+def can_have_bonds(region: Region) -> bool:
+    """Whether some of a region's cells may be described by bonds."""
+    return region.model == "peridynamics" or (region.model == "auto" and not region.always_elements)
+
+
 def has_model(regions: Sequence[Region], model: str) -> bool:
+    """Whether some region may have cells of this model; those with "auto" may have both."""
     models = [getattr(region, "model", None) for region in regions]
-    if model not in models and (None in models or not models):
+    found = model in models or "auto" in models
+    if not found and (None in models or not models):
         raise FieldMissing("model")  # a partial scene does not tell
-    return model in models
+    return found
 
 
 def check_poissons_ratio(
     material: Material, materials: dict[str, Material], regions: Sequence[Region]
 ) -> list[Problem]:
     bonded = {
-        getattr(region, "material", None) for region in regions if getattr(region, "model", None) == "peridynamics"
+        getattr(region, "material", None)
+        for region in regions
+        if getattr(region, "model", None) in ("peridynamics", "auto")
     }
     return [
         Problem(

@@ -15,6 +15,14 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
+from pdfem_mpi.deck.adaptive import (
+    Adaptive,
+    check_auto_materials,
+    check_auto_references,
+    check_auto_regions,
+    check_auto_settings,
+    with_auto,
+)
 from pdfem_mpi.deck.cracks import AnyCrack
 from pdfem_mpi.deck.loads import (
     Load,
@@ -99,6 +107,7 @@ class Scene(Table):
     regions: tuple[Region, ...] = key(min_length=1, remedy="Add at least one table [[regions]] with name and model.")
     peridynamics: Peridynamics = Field(default_factory=Peridynamics)
     cracks: tuple[AnyCrack, ...] = key(())
+    adaptive: Adaptive | None = key(None)
     coupling: Coupling = Field(default_factory=Coupling)
     loads: tuple[Load, ...] = key(())
     supports: tuple[Support, ...] = key(())
@@ -112,7 +121,7 @@ class Scene(Table):
     @model_validator(mode="before")
     @classmethod
     def _fill_in(cls, data: Any) -> Any:
-        return with_defaults(with_solver(data))
+        return with_defaults(with_solver(with_auto(data)))
 
     def problems(self) -> list[Problem]:
         """What ``CHECKS`` find between the tables."""
@@ -122,6 +131,11 @@ class Scene(Table):
     def has_peridynamics(self) -> bool:
         """Whether some region is described by peridynamics."""
         return has_model(self.regions, "peridynamics")
+
+    @property
+    def is_adaptive(self) -> bool:
+        """Whether the run finds by itself where bonds are needed."""
+        return self.adaptive is not None
 
     @property
     def has_cycle(self) -> bool:
@@ -194,6 +208,10 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("mesh", "probes"), functools.partial(check_sets, "probes")),
     (("regions", "probes"), check_set_probes),
     (("cracks", "material", "materials", "interfaces", "temperature", "probes"), check_energy_release),
+    (("regions", "adaptive"), check_auto_regions),
+    (("regions", "peridynamics", "coupling", "mesh", "stepping", "solver", "temperature"), check_auto_settings),
+    (("regions", "material", "materials", "interfaces"), check_auto_materials),
+    (("regions", "loads", "supports"), check_auto_references),
 )
 
 

@@ -6,6 +6,7 @@ import inspect
 import re
 from typing import Any
 
+from pdfem_mpi.deck.adaptive import AUTO
 from pdfem_mpi.deck.partial import models_of
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import Table
@@ -32,6 +33,9 @@ def deck_schema() -> dict[str, Any]:
                 if "kind" in kind.model_fields:
                     table = tables[kind.__name__]
                     table["required"] = sorted({*table.get("required", ()), "kind"})
+    regions = scene["properties"]["regions"]  # or the one word that stands for a single table
+    words = regions.pop("description")
+    scene["properties"]["regions"] = {"anyOf": [regions, {"enum": [AUTO]}], "description": words}
     return {"$schema": DRAFT, "title": "A deck of pdfem_mpi", **scene, "definitions": tables}
 
 

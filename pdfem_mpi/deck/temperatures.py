@@ -8,6 +8,7 @@ from typing import Any
 from pdfem_mpi.deck.formulas import formula_problems, names_in
 from pdfem_mpi.deck.materials import Interface, Material, all_materials
 from pdfem_mpi.deck.peridynamics import Peridynamics
+from pdfem_mpi.deck.regions import can_have_bonds
 from pdfem_mpi.deck.softening import CRITERION
 from pdfem_mpi.deck.table import Problem, Table, key, show
 
@@ -74,7 +75,7 @@ def check_temperature(
     if all(table.thermal_expansion is None for _, table in tables.values()):
         text = "strains nothing: no material has a coefficient of expansion. Give material.thermal_expansion."
         problems.append(Problem("temperature", text))
-    bonds = any(region.model == "peridynamics" for region in regions)
+    bonds = any(can_have_bonds(region) for region in regions)
     if (peridynamics.kinematics or ("finite" if bonds else "linear")) == "finite":
         text = 'strains bodies in linear kinematics alone. Use peridynamics.kinematics = "linear", or remove it.'
         problems.append(Problem("temperature", text))

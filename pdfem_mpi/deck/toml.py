@@ -15,6 +15,7 @@ from typing import Any, get_origin
 
 from pydantic import ValidationError
 
+from pdfem_mpi.deck.adaptive import with_auto
 from pdfem_mpi.deck.limits import find_limits
 from pdfem_mpi.deck.overrides import OverrideProblem, apply, parse_overrides
 from pdfem_mpi.deck.partial import is_table, partial_tables, walk
@@ -127,7 +128,7 @@ def _shortened(sentence: str) -> str:
 
 def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
     """Make the paths of files absolute: the deck is copied to the run folder, these are not."""
-    for table, key in (("mesh", "path"), ("temperature", "file")):
+    for table, key in (("mesh", "path"), ("temperature", "file"), ("adaptive", "pilot")):
         entry = data.get(table)
         if isinstance(entry, dict) and isinstance(entry.get(key), str) and entry[key]:
             entry[key] = os.path.abspath(folder / entry[key])
@@ -161,7 +162,7 @@ def _validate(data: dict[str, Any], beyond: set[str]) -> tuple[Scene | None, lis
     """
     problems = []
     scene = None
-    data = with_solver(data)
+    data = with_solver(with_auto(data))
     try:
         scene = Scene.model_validate(data)
         tables = {name: getattr(scene, name) for name in Scene.model_fields}

@@ -69,6 +69,24 @@ def cut_gaps(row_start, row_offset, row_data, x, scale, removed, sums, material,
 
 
 @njit(**_options)
+def passes_through(p, q, removed, sums):
+    """Whether the line from p to q, float64 (3,) in cells of the window, passes through a removed cell of it."""
+    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
+    for d in range(3):
+        low[d] = math.floor(min(p[d], q[d]))
+        high[d] = math.floor(max(p[d], q[d])) + 1
+    between = 0
+    for a in range(2):
+        for b in range(2):
+            for e in range(2):
+                sign = 1 if (a + b + e) % 2 else -1
+                between += (
+                    sign * sums[high[0] if a else low[0], high[1] if b else low[1], high[2] if e else low[2]]
+                )
+    return between != 0 and _passes(p, q, low, high, removed)
+
+
+@njit(**_options)
 def _passes(p, q, low, high, removed):
     """Whether the line from p to q passes through a removed cell of a range."""
     for a in range(low[0], high[0]):

@@ -165,3 +165,41 @@ def gather_pairs(comm: Intracomm, pairs: Array, n_global: int) -> Iterator[Array
         comm.Gatherv(own[edges[slab] : edges[slab + 1]], [found, own.shape[1] * n_rows])
         report_progress()
         yield found[np.lexsort((found[:, 1], found[:, 0]))] if comm.rank == 0 else None
+
+
+def redistribute(comm: Intracomm, global_ids: Array, rows: Array, wanted: Array, n_global: int) -> Array:
+    """Rows of a table whose rows lie on other ranks than they are wanted on, a slab of ids at a time. Collective.
+
+    Parameters
+    ----------
+    global_ids : int64, shape (n,)
+        Of the rows here, each on one rank; not all of ``0 .. n_global - 1`` need be there.
+    rows : shape (n, ...)
+        The same dtype and row shape on all ranks.
+    wanted : int64, shape (m,)
+        Ids of the rows wanted here, each once; other ranks may want the same.
+
+    Returns
+    -------
+    same dtype, shape (m, ...)
+
+    Raises
+    ------
+    ValueError
+        On all ranks: an id that no rank has.
+    """
+    order, places = np.argsort(global_ids, kind="stable"), np.argsort(wanted, kind="stable")
+    ids, ranked = global_ids[order], wanted[places]
+    own, missing = np.empty((len(wanted), *rows.shape[1:]), rows.dtype), np.ones(len(wanted), bool)
+    for first in range(0, n_global, SLAB):
+        part = slice(*np.searchsorted(ids, (first, first + SLAB)))
+        for found, values in comm.allgather((ids[part], rows[order[part]])):
+            at = np.searchsorted(ranked, found)
+            here = at < len(ranked)
+            here[here] = ranked[at[here]] == found[here]
+            own[places[at[here]]] = values[here]
+            missing[places[at[here]]] = False
+        report_progress()
+    if problems := agree(comm, [f"id {k} has no owner" for k in wanted[missing][:3]]):
+        raise ValueError(f"redistribute: {'; '.join(problems)}.")
+    return own

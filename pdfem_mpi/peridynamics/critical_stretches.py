@@ -23,8 +23,12 @@ def point_classes(scene: Scene, share: Share) -> np.ndarray:
     """Class of the points of each cell, by which bonds know their critical stretch; int64, shape (n_cells,).
 
     The cell's region. Peridynamic cells that follow nodes all the same, by which fitted factors join bodies, count as
-    a region more each: that of their cells beside them, numbered behind all regions.
+    a region more each: that of their cells beside them, numbered behind all regions. Of a region that is found there
+    are three: with points that follow nodes, with bonds that are held, and with bonds that may fail.
     """
+    if share.found:
+        kinds = np.where(share.found.is_turned, 2, np.where(share.found.is_held, 1, 0))
+        return share.region + len(scene.regions) * kinds
     joint = share.is_peridynamic & share.is_overlap
     classes = share.region.astype(np.int64)
     classes[joint] = len(scene.regions) + np.searchsorted(share.joint_regions, classes[joint])
@@ -61,6 +65,8 @@ def bond_laws(scene: Scene, share: Share) -> tuple[list[BondLaw], np.ndarray]:
 
 def _by_class(scene: Scene, share: Share) -> tuple[np.ndarray, np.ndarray]:
     """Material of each class, and whether bonds between two classes may break."""
+    if share.found:
+        return _by_class_found(scene, share)
     regions = [*scene.regions, *(scene.regions[k] for k in share.joint_regions)]
     if len(regions) > MOST_CLASSES:
         raise SceneError([
@@ -73,6 +79,15 @@ def _by_class(scene: Scene, share: Share) -> tuple[np.ndarray, np.ndarray]:
     follows = np.array([k >= len(scene.regions) or r.model != "peridynamics" for k, r in enumerate(regions)])
     allowed = ~follows | np.array([lets_overlap_fail(region) for region in regions])
     return material, may[:, None] & may & (~(follows[:, None] & follows) | (allowed[:, None] & allowed))
+
+
+def _by_class_found(scene: Scene, share: Share) -> tuple[np.ndarray, np.ndarray]:
+    """The same where the run finds the region: of bonds with an end that may fail, and none that is held."""
+    n = len(scene.regions)
+    material = np.tile([share.materials.names.index(region.material) for region in scene.regions], 3)
+    may = np.tile([region.may_fail is not False for region in scene.regions], 3) & (np.arange(3 * n) // n != 1)
+    free = np.arange(3 * n) // n == 2
+    return material, may[:, None] & may & (free[:, None] | free)
 
 
 def lets_overlap_fail(region: Region) -> bool:

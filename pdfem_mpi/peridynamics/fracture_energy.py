@@ -29,6 +29,8 @@ def energy_of_own_bonds(comm, scene: Scene, share: Share, points: Points, bonds:
     """
     may = np.array([region.may_fail is not False for region in scene.regions])[share.region]
     counts = share.is_peridynamic & ~share.is_overlap & may
+    if share.found:
+        counts &= share.found.is_turned
     n = len(share.materials.names)
     label = np.where(counts, share.material, NO_LABEL).astype(np.uint8)
     sums = np.zeros((n, 3), np.int64)

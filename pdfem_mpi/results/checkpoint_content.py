@@ -14,7 +14,7 @@ import numpy as np
 
 from pdfem_mpi.results.own_storage import elsewhere
 
-HEADER, BROKEN, PLACES = "header", "broken", ("points", "nodes")
+HEADER, BROKEN, TURNED, PLACES = "header", "broken", "turned", ("points", "nodes")
 NUMBER = (int, float)
 #: Keys of the header that a run goes on from, and the types of their values.
 KEYS: dict[str, tuple[type, ...]] = {
@@ -85,7 +85,7 @@ def _results_fault(results: Mapping[str, Any]) -> str | None:
 
 def _table_fault(file: h5py.File, header: Mapping[str, Any]) -> str | None:
     """Names, types and shapes: three numbers a row of the fields, as many rows in each, pairs of broken bonds."""
-    if others := set(file) - {HEADER, BROKEN, *PLACES}:
+    if others := set(file) - {HEADER, BROKEN, TURNED, *PLACES}:
         return f"it has {sorted(others)[0]}, which no checkpoint has"
     fields = header["state"].get("fields")
     for place in PLACES:
@@ -101,6 +101,9 @@ def _table_fault(file: h5py.File, header: Mapping[str, Any]) -> str | None:
                 return f"its table {place}/{name} has shape {table.shape} of {table.dtype}"
         if len({len(tables[name]) for name in names}) > 1:
             return f"its tables {place} have different lengths"
+    turned = file.get(TURNED)
+    if turned is not None and (turned.ndim != 2 or turned.shape[1] != 1 or turned.dtype != np.uint64):
+        return f"its table turned has shape {turned.shape} of {turned.dtype}"
     broken = file.get(BROKEN)
     if broken is None:
         return "it has no table broken"

@@ -41,6 +41,9 @@ class Body:
 
     def __post_init__(self) -> None:
         if not (self.has("points") or self.has("elements")):
+            if self.has("body"):
+                why = "found its region of bonds, so that only body.vtkhdf has its fields. Draw that with ParaView."
+                raise NoPicture(f"{self.folder} {why}")
             raise NoPicture(f"{self.folder} has no fields to draw. Run the deck with output.fields = true.")
         if not self.n_frames:
             raise NoPicture(f"{self.folder} has no frame yet: the run ended before its first row.")

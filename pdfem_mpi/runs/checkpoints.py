@@ -26,7 +26,7 @@ from pdfem_mpi.results.cursor import free_name
 from pdfem_mpi.runs.environment import environment
 from pdfem_mpi.runs.identity import identity, sha256
 from pdfem_mpi.runs.restart_point import FOLDER, RestartPoint
-from pdfem_mpi.runs.tables import columns_of_broken, make_layout, total_broken, write_tables
+from pdfem_mpi.runs.tables import TURNED, columns_of_broken, make_layout, total_broken, turned_cells, write_tables
 from pdfem_mpi.system import faults
 
 #: So many checkpoints that could not be written, one after the other, end the run.
@@ -59,7 +59,26 @@ class CheckpointContents(NamedTuple):
         return cls(forces.evaluations, failure.broken_pairs(), books)
 
 
-class CheckpointWriter:
+class OfOneBody:
+    """What checkpoints are written of: a share of the body, and its equations."""
+
+    good: tuple[State, CheckpointContents] | None = None
+
+    def describe(self, share: Share, forces: Forces, failure: Failure | None) -> None:
+        """Write checkpoints of these."""
+        self.forces, self.model, self.failure = forces, forces.model, failure
+        self.layout, self.turned = make_layout(share, columns_of_broken(forces.model)), turned_cells(share)
+
+    def let_go(self) -> None:
+        """Hold nothing of a body that is about to be made anew."""
+        self.forces = self.model = self.failure = self.good = None
+
+    def take(self, simulation: Any) -> None:
+        """Write checkpoints of the body as a simulation has it now."""
+        self.describe(simulation.share, simulation.forces, simulation.failure)
+
+
+class CheckpointWriter(OfOneBody):
     """Writes checkpoints, all ranks together, and keeps count of failures.
 
     Parameters
@@ -99,8 +118,8 @@ class CheckpointWriter:
         start: RestartPoint,
         started: float,
     ):
-        self.comm, self.forces, self.model, self.failure = forces.model.comm, forces, forces.model, failure
-        self.layout = make_layout(share, columns_of_broken(forces.model))
+        self.comm = forces.model.comm
+        self.describe(share, forces, failure)
         self.folder, self.keep = out / FOLDER, scene.checkpoint.keep
         self.written = self.failed = self.size = 0
         self.seconds = self.seconds_in_all = 0.0
@@ -150,6 +169,8 @@ class CheckpointWriter:
             except OSError as error:
                 problem = error
         write_tables(self.model, self.layout, state.fields, contents.broken, writer)
+        if writer and self.turned is not None:
+            writer.write_rows(TURNED, 0, self.turned[:, None])
         self.size, problem = _finish(comm, writer, header, (self.size, problem))
         faults.begin("outcome")
         reason = broadcast(comm, None if problem is None else getattr(problem, "strerror", None) or str(problem))
@@ -204,6 +225,8 @@ class CheckpointWriter:
             self._number = max((number for number, _ in list_checkpoints(self.folder)), default=0)
         path = checkpoint_path(self.folder, self._number + 1)
         tables = self.layout.tables(header["broken_bonds"], header["wide"], state.fields)
+        if self.turned is not None:
+            tables[TURNED] = len(self.turned), 1, np.dtype("<u8")
         return Writer(path, tables, job_name())
 
 

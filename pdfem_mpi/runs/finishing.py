@@ -19,6 +19,7 @@ from pdfem_mpi.runs.restart_point import RestartPoint
 from pdfem_mpi.runs.sanity import look_back
 from pdfem_mpi.runs.stopwatch import phase
 from pdfem_mpi.runs.summary import end_table, make_summary
+from pdfem_mpi.runs.switching import count_bonds
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_STOPPED
 
 if TYPE_CHECKING:
@@ -40,6 +41,8 @@ def finish(run: Run, march: March, start: RestartPoint, findings: Findings, size
         Bytes of the process before the simulation was made.
     """
     memory = describe_arrays(march, before)
+    if run.scene.is_adaptive:
+        count_bonds(march.simulation)
     comm, simulation, ended, seconds = run.comm, march.simulation, march.ended, run.seconds
     seconds["solve"], seconds["output"] = march.seconds, march.seconds_of_output
     phases = {name: round(value, 6) for name, value in simulation.forces.seconds.items()}

@@ -21,6 +21,8 @@ FAILURE_HISTORY = (
 )  # fmt: skip
 #: Where they soften before.
 SOFTENING_HISTORY = ("softened_bonds",)
+#: Where the run finds where bonds are needed.
+ADAPTIVE_HISTORY = ("bonds", "switched_energy")
 
 
 def columns_of(fails: bool, scene: Scene) -> tuple[str, ...]:
@@ -29,6 +31,7 @@ def columns_of(fails: bool, scene: Scene) -> tuple[str, ...]:
     """
     columns = HISTORY + FAILURE_HISTORY if fails else HISTORY
     columns += SOFTENING_HISTORY if fails and scene.softens else ()
+    columns += ADAPTIVE_HISTORY if scene.is_adaptive else ()
     timed = getattr(scene.stepping, "times", None) is not None
     return columns + (("time",) if timed else ()) + tuple(probe_row(scene.probes, {}))
 
@@ -79,6 +82,8 @@ def history_row(row: Report, units: ModelUnits, fails: bool) -> dict[str, Any]:
             columns[f"crack_{axis}_min"], columns[f"crack_{axis}_max"] = extent[:, d] if row.broken else (None, None)
     if row.softened is not None:
         columns["softened_bonds"] = row.softened
+    if row.switched is not None:
+        columns["switched_energy"] = row.switched * units.force * units.length
     return columns
 
 

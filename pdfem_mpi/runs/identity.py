@@ -34,6 +34,8 @@ NEWER_DEFAULTS = (
     ("cracks", "kind", "polygon"),
     ("supports", "of", "cells"),
     ("loads", "constant", False),
+    ("regions", "always_elements", False),
+    ("", "adaptive", None),
 )
 #: Where the load goes: what was done already must stay.
 LOAD_FACTORS, TIMES = "stepping.load_factors", "stepping.times"
@@ -120,7 +122,7 @@ def _may_fail(scene: Scene, share: Share) -> dict[str, bool]:
     return {
         f"regions.{index}.may_fail": True
         for index, region in enumerate(scene.regions)
-        if region.may_fail is None and (region.model == "peridynamics" or index not in overlap)
+        if region.may_fail is None and (region.model != "finite_elements" or index not in overlap)
     }
 
 

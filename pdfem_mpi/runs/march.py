@@ -19,7 +19,8 @@ from pdfem_mpi.runs.checkpoints import CheckpointWriter
 from pdfem_mpi.runs.energy_release import energy_releases
 from pdfem_mpi.runs.history_rows import probe_row
 from pdfem_mpi.runs.memory_report import Watched
-from pdfem_mpi.runs.outputs import Outputs
+from pdfem_mpi.runs.outputs import Outputs, geometry_of
+from pdfem_mpi.runs.region_notes import describe_switch
 from pdfem_mpi.runs.reporter import Reporter
 from pdfem_mpi.runs.simulation import Simulation
 from pdfem_mpi.solvers.convergence import NotConverged
@@ -91,6 +92,18 @@ class March:
         self.first_break: float | None = None
         comes_back = getattr(simulation.scene.stepping, "times", None) is not None
         self._looks_for_overlap = comes_back and simulation.failure is not None
+
+    def let_go(self) -> None:
+        """Hold nothing of a body that is about to be made anew."""
+        self.watched, self.ended.fields, self.ended.damage = None, None, None
+
+    def take(self, simulation: Simulation) -> None:
+        """Go on with the body as a simulation has it now. Collective."""
+        self.watched = Watched(simulation.forces, *simulation.parts, self.checkpoints)
+        self.remaining = Remaining()
+        geometry = geometry_of(simulation)
+        self.reporter.line(describe_switch(simulation))
+        on_root(simulation.comm, lambda: self.outputs.follow(geometry))
 
     @property
     def arrays(self) -> tuple[Any, ...]:

@@ -55,6 +55,7 @@ def features_of(scene: Scene) -> frozenset[str]:
         "cracks": bool(scene.cracks) or getattr(scene.mesh, "doubled_nodes", "") == "crack",
         "gaps": bonds and bool(getattr(scene.mesh, "remove", ())),
         "damage": scene.output.has_damage,
+        "adaptive": scene.is_adaptive,
         "stresses": bonds and bool(scene.output.mechanical),
         "mirrors": bool(scene.mesh.symmetry),
         "overlap": scene.is_coupled,

@@ -93,6 +93,10 @@ class Outputs:
         for output in self.all if self.place.scene.output.figures else ():
             attempt(functools.partial(output.draw, self.place), Path(output.figure), self.place.warn)
 
+    def follow(self, geometry: Geometry | None) -> None:
+        """Describe the body from here on as it is now, after elements were turned into bonds."""
+        self.place.geometry = geometry
+
     def flush(self) -> dict[str, dict[str, Any]]:
         """Bring all files to the disk; how far each is, for a checkpoint."""
         digests = {output.name: output.digest for output in self.frames}
@@ -120,11 +124,13 @@ def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
     """
     outputs = Outputs(place, HistoryOutput(columns))
     scene, names = place.scene, place.scene.output.names
-    if names and scene.has_peridynamics:
+    if names and scene.is_adaptive:  # points and elements come and go: one file has the whole body
+        outputs.frames.append(BodyFrames(names, with_model=True))
+    elif names and scene.has_peridynamics:
         outputs.frames.append(FramesOutput(POINTS_FILE, create_points, fields_of_points, names, True))
-    if names and scene.has_finite_elements:
+    if names and scene.has_finite_elements and not scene.is_adaptive:
         outputs.frames.append(FramesOutput(ELEMENTS_FILE, create_elements, fields_of_elements, names))
-    if names and scene.has_peridynamics and scene.output.body:
+    if names and scene.has_peridynamics and scene.output.body and not scene.is_adaptive:
         outputs.frames.append(BodyFrames(names))
     outputs.probes += [OF_PROBE[type(probe)](probe) for probe in place.scene.probes]
     return outputs

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pdfem_mpi.body.found_region import Turning
 from pdfem_mpi.body.meshing import make_mesh
 from pdfem_mpi.body.share import Share, share_of
 from pdfem_mpi.deck.meshes import FileMesh
@@ -19,6 +20,7 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import agree, broadcast, node_communicator, sum_integers
 from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.runs.compilation import compile_kernels
+from pdfem_mpi.runs.first_region import first_turning
 from pdfem_mpi.runs.memory_estimate import Need, check_mesh, check_model
 from pdfem_mpi.runs.softening_notes import softening_of
 
@@ -41,21 +43,33 @@ def fit_folders(out: Path) -> tuple[Path, ...]:
     return (out, Path(cache)) if cache else (out,)
 
 
-def prepare(scene: Scene, comm) -> tuple[Share, Need]:
+def prepare(scene: Scene, comm, turned: np.ndarray | None = None) -> tuple[Share, Need]:
     """This rank's share of a scene that fits into memory, and what it will need. Collective.
+
+    Parameters
+    ----------
+    turned : int64, optional
+        Cells that a run has turned into bonds already; where it finds them by itself, the first are found here.
 
     Raises
     ------
     SceneError
         On all ranks.
     """
-    share = cut_share(scene, comm)
+    share = cut_share(scene, comm, None if turned is None else Turning(turned, np.empty(0, np.int64)))
+    if scene.is_adaptive and turned is None:
+        share = cut_share(scene, comm, first_turning(scene, share))
     softening_of(scene, share)  # refuses strengths and energies that do not go with the internal length
     return share, check_model(scene, share, comm)
 
 
-def cut_share(scene: Scene, comm) -> Share:
+def cut_share(scene: Scene, comm, turning: Turning | None = None) -> Share:
     """This rank's share of a scene whose mesh fits into memory; a mesh file is read by rank 0. Collective.
+
+    Parameters
+    ----------
+    turning : Turning, optional
+        Which cells are bonds, where the run finds them.
 
     Raises
     ------
@@ -76,7 +90,7 @@ def cut_share(scene: Scene, comm) -> Share:
         mesh = broadcast(comm, mesh)
     else:
         check_mesh(scene, math.prod(scene.mesh.n_cells), comm)
-    return share_of(scene, comm, mesh)
+    return share_of(scene, comm, mesh, turning)
 
 
 def cut_again(scene: Scene, before: Share) -> Share:
@@ -87,7 +101,8 @@ def cut_again(scene: Scene, before: Share) -> Share:
     SceneError
         On all ranks; also for a mesh file that has changed.
     """
-    share = cut_share(scene, before.comm)
+    turning = Turning(before.found.turned, np.empty(0, np.int64)) if before.found else None
+    share = cut_share(scene, before.comm, turning)
     if share.mesh_sha256 != before.mesh_sha256:
         raise SceneError([f"mesh.path = {scene.mesh.path} has changed since. Make a new simulation."])
     return replace(share, boundaries=None)

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pdfem_mpi.body.share import Share
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.bounds import Bounds
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import FIELDS, State
 from pdfem_mpi.parallel.comm import broadcast
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.peridynamics.softening_failure import GONE
-from pdfem_mpi.runs.tables import BROKEN, Layout, columns_of_broken, make_layout, read_broken, read_fields
+from pdfem_mpi.runs.tables import BROKEN, TURNED, Layout, columns_of_broken, make_layout, read_broken, read_fields
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.system.exit_codes import EXIT_NO_CHECKPOINT
 
@@ -59,6 +60,26 @@ def restore(start: RestartPoint, share: Share, model: Model, state: State) -> np
             raise Refused(EXIT_NO_CHECKPOINT, f"{start.path}: {fault}. Start again with --overwrite.")
         read_fields(model, layout, state, reader)
         return _as_wanted(read_broken(share, model, reader, start.header["schema"]), layout.columns)
+
+
+def read_turned(start: RestartPoint, scene: Scene, comm) -> np.ndarray | None:
+    """The cells that a run had turned into bonds by itself, int64; None where the deck says which are. Collective.
+
+    Raises
+    ------
+    Refused
+        On all ranks: the file does not say.
+    """
+    if not start.path or not scene.is_adaptive:
+        return None
+    found = None
+    with _reader(start.path, comm) as reader:
+        if reader and reader.shape(TURNED):
+            found = reader.read_rows(TURNED, 0, reader.rows(TURNED))[:, 0].astype(np.int64)
+    found = broadcast(comm, found)
+    if found is None:
+        raise Refused(EXIT_NO_CHECKPOINT, f"{start.path} has no table {TURNED}. Start again with --overwrite.")
+    return found
 
 
 def _shape_fault(layout: Layout, state: State, reader: Reader) -> str | None:

@@ -33,7 +33,7 @@ from pdfem_mpi.runs.prepare import count_sizes, fit_folders, prepare, warm_up
 from pdfem_mpi.runs.read_columns import all_columns
 from pdfem_mpi.runs.reporter import LoggedReporter, NullReporter, Reporter
 from pdfem_mpi.runs.restart_point import Refused, RestartPoint, RunOptions, compare
-from pdfem_mpi.runs.restoring import restore, restore_late
+from pdfem_mpi.runs.restoring import read_turned, restore, restore_late
 from pdfem_mpi.runs.simulation import Simulation
 from pdfem_mpi.runs.stopwatch import phase
 from pdfem_mpi.runs.summary import sha256
@@ -140,9 +140,9 @@ class Run:
         self._lines(describe_body(simulation))
         checkpoints, stop_requests = self._make_checkpoints(simulation, start)
         with phase(self.seconds, "setup"), large_arrays_apart(APART_BESIDE_BONDS):
-            solver = simulation.prepare_solver(self.reporter.line, stop_requests)
+            simulation.prepare_solver(self.reporter.line, stop_requests)
             if start.path:
-                restore_late(start, broken, simulation.state, simulation.failure, solver)
+                restore_late(start, broken, simulation.state, simulation.failure, simulation.solver)
         self._lines(headline(simulation, sizes, self.seconds["setup"]))
         with phase(self.seconds, "setup"):
             findings = examine(simulation, start.path is not None)
@@ -158,6 +158,7 @@ class Run:
         self.options.requests.setting_up = False
         start_up = perf_counter() - self.started
         march = March(simulation, self.outputs, self.reporter, checkpoints, stop_requests, start.changed)
+        simulation.observers += [checkpoints, march]
         ended = march.follow()
         if ended.did_nothing and self.claimed:
             ended.reason += describe_nothing(start_up, self.claimed.starts.idle)
@@ -169,7 +170,7 @@ class Run:
         """
         scene, comm = self.scene, self.comm
         with phase(self.seconds, "setup"), large_arrays_apart():
-            prepared = prepare(scene, comm)
+            prepared = prepare(scene, comm, read_turned(start, scene, comm))
             if start.path:
                 start.notes += compare(start, identity(scene, prepared[0]), self.options.force)
             if start.finished and not start.changed:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,35 +13,28 @@ from pdfem_mpi.deck.loads import Load, Support
 from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.measure.probed import ProbeReader
-from pdfem_mpi.model.breaking import make_failure
-from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import make_load_case
-from pdfem_mpi.model.model import build_model
 from pdfem_mpi.model.parts import positions
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS
+from pdfem_mpi.peridynamics.bonds import total_bonds
+from pdfem_mpi.runs.assembly import Assembly, ignore
 from pdfem_mpi.runs.history_rows import history_row
 from pdfem_mpi.runs.memory_estimate import Need
 from pdfem_mpi.runs.memory_report import features_of
 from pdfem_mpi.runs.prepare import cut_again, prepare, warm_up
 from pdfem_mpi.runs.read_columns import make_gauges
-from pdfem_mpi.runs.readings import Readings
+from pdfem_mpi.runs.region_watch import RegionTooSmall, RegionWatch
+from pdfem_mpi.runs.switching import switch
 from pdfem_mpi.solvers.convergence import Progress
-from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
 from pdfem_mpi.stepping import Report, follow_load_program
 from pdfem_mpi.stepping.steps import follow_steps
 
-Note = Callable[[str], None]
 Watch = Callable[[int, Progress], None]
 
 
-def ignore(*words: Any) -> None:
-    """Do nothing with what is reported."""
-
-
-class Simulation(Readings):
+class Simulation(Assembly):
     """One scene on the ranks of a communicator; no file is read but the deck's mesh, and none is written.
 
     All methods are collective: every rank of the communicator calls them. Lengths and forces are in the deck's units.
@@ -62,6 +54,10 @@ class Simulation(Readings):
         forces, the books of broken bonds (None where none can break), and the solver (None before it is needed).
     gauges : Gauges
         What is read off each state for the columns of probes and named supports.
+    region_watch : RegionWatch or None
+        Where the run finds by itself where bonds are needed.
+    observers : list
+        Of switches: their ``let_go()`` is called before one, and ``take(simulation)`` after it.
 
     Raises
     ------
@@ -89,28 +85,30 @@ class Simulation(Readings):
         if prepared is None:
             warm_up(self.comm, features_of(scene))
             prepared = prepare(scene, self.comm)
-        self.model = build_model(scene, prepared[0], self.comm, caches)
-        self.share, self.need = replace(prepared[0], boundaries=None), prepared[1]  # the whole body goes here
-        self.case = make_load_case(scene, self.share, self.model)
+        self.caches, self.need = caches, prepared[1]
+        self.known = {"evaluations": evaluations}
+        self.words = ignore, NO_STOP_REQUESTS
+        self.observers = []
+        self.build(prepared[0])
         self.state = new_state(self.model)
-        self.forces = Forces(self.model, self.state.bounds, evaluations=evaluations)
-        self.failure = make_failure(scene, self.share, self.model)
-        self.gauges = make_gauges(scene, self.share, self.model)
-        self.probe_reader = ProbeReader(scene, self.share, self.model)
-        self.solver: EquilibriumSolver | None = None
-        self._evaluated = False
-
-    def prepare_solver(self, note: Note = ignore, stop_requests: Any = NO_STOP_REQUESTS) -> EquilibriumSolver:
-        """Set up the scene's solver for the loads as they are; ``note`` is called with remarks for the user."""
-        self.solver = make_solver(self.scene, self.share, self.forces, self.case, note, stop_requests)
-        return self.solver
+        self.assemble()
 
     def follow(self, watch: Watch = ignore) -> Iterator[Report]:
         """Follow the scene's load program from the state on, in model units; see `steps`."""
-        solver = self.solver or self.prepare_solver()
-        for report in follow_load_program(self.scene, solver, self.failure, self.state, self.case, watch):
-            self._evaluated = True
-            yield report
+        while True:
+            solver, turning = self.solver or self.prepare_solver(), None
+            try:
+                for report in follow_load_program(self.scene, solver, self.failure, self.state, self.case, watch):
+                    self._evaluated = True
+                    if self.region_watch:
+                        self.region_watch.hear(report)
+                    yield report
+            except RegionTooSmall as found:
+                turning = found.turning
+            if turning is None:
+                return
+            del solver
+            switch(self, turning)
 
     def steps(self, watch: Watch = ignore) -> Iterator[dict[str, Any]]:
         """Follow the scene's load program, and yield a row at each of its equilibria: the columns of history.csv.
@@ -130,7 +128,14 @@ class Simulation(Readings):
         # the program counts the steps taken before, whose load factors do not matter any more
         factors = (*(0.0,) * self.state.step, float(load_factor))
         settings = Steps.model_construct(kind="steps", load_factors=factors)
-        (report,) = follow_steps(settings, solver, self.failure, self.state, self.case, watch)
+        while True:
+            try:
+                (report,) = follow_steps(settings, solver, self.failure, self.state, self.case, watch)
+                break
+            except RegionTooSmall as found:
+                turning = found.turning
+            switch(self, turning)
+            solver = self.solver
         self._evaluated = True
         return self.row(report)
 
@@ -151,10 +156,13 @@ class Simulation(Readings):
         case = make_load_case(scene, share, self.model)
         self.scene, self.share, self.case, self.solver = scene, share, case, None
         self.gauges = make_gauges(scene, share, self.model)
+        self.region_watch = RegionWatch.of(self) if share.found else None
 
     def row(self, report: Report) -> dict[str, Any]:
         """A report of the load program in the deck's units, by the columns of history.csv, at the state as it is."""
         columns = history_row(report, self.share.units, self.failure is not None)
+        if self.share.found:
+            columns = {"switched_energy": 0.0} | columns | {"bonds": total_bonds(self.comm, self.model.bonds)}
         return columns | self.gauges.read(self.comm, self.state.u, report)
 
     @property

@@ -20,6 +20,7 @@ from pdfem_mpi.results.run_folder import read_history
 from pdfem_mpi.runs.failure_outcome import failure_outcome, failure_rows
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.notes import Findings
+from pdfem_mpi.runs.region_notes import region_rows, region_summary
 from pdfem_mpi.system.exit_codes import RUN_STATUS
 
 SCHEMA_VERSION = 1
@@ -67,6 +68,7 @@ def make_summary(scene: Scene, march: March, findings: Findings, facts: dict[str
         "seconds_of_all_starts": facts["seconds_of_all_starts"],
         **_of_bonds(scene, model, findings),
         "failure": _failure(march, findings),
+        **({"adaptive": region_summary(simulation)} if scene.is_adaptive else {}),
         "bonds_cut_by_cracks": list(model.cut),
         "parts_at_start": {"count": simulation.case.parts.count, "not_held": len(simulation.case.unsupported)},
         "bonds_by_materials": named_pairs(share.materials.names, findings.bonds_by_material),
@@ -168,6 +170,7 @@ def end_table(summary: dict, scene: Scene) -> list[tuple[str, str]]:
             rows.append(("error in the energy norm, about", f"{solve['energy_error']:.2e}"))
         rows.append(("net internal force, moment", f"{balance['force']:.1e}, {balance['moment']:.1e} of the sums"))
     rows += failure_rows(summary["failure"], scene)
+    rows += region_rows(summary.get("adaptive"))
     length = scene.units.length
     for name, value in summary["probes"].items():
         if isinstance(value, dict):

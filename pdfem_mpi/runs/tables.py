@@ -19,7 +19,7 @@ from pdfem_mpi.system import faults
 if TYPE_CHECKING:
     from pdfem_mpi.results.checkpoint import Reader, Writer
 
-BROKEN = "broken"
+BROKEN, TURNED = "broken", "turned"
 #: Pairs that rank 0 reads at a time.
 PAIRS = 1 << 18
 
@@ -70,6 +70,11 @@ def make_layout(share: Share, columns: int = 2) -> Layout:
         nodes=share.own_node_rows,
         columns=columns,
     )
+
+
+def turned_cells(share: Share) -> np.ndarray | None:
+    """Numbers of the cells that a run has turned into bonds by itself, int64; None where the deck says which are."""
+    return share.found.turned if share.found else None
 
 
 def columns_of_broken(model: Model) -> int:

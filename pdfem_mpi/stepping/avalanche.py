@@ -79,6 +79,12 @@ class Avalanche:
         self._relax(settings.inner_iterations - 1 if loosely else MOST_SWEEPS)
         return broke
 
+    def settle(self) -> None:
+        """Relax without breaking, after elements were turned: nothing may break on what was only interpolated."""
+        self.ledger.evaluate()
+        self._relax(self.ledger.settings.inner_iterations)
+        self.ledger.evaluate()
+
     def came_apart(self) -> bool:
         """Whether the body does not carry the load any more."""
         ledger = self.ledger
@@ -121,7 +127,7 @@ class Avalanche:
         program["cuts"] = program["cuts"] + 1.0 if fraction < wanted else 0.0
         if program["cuts"]:
             program["fresh"] = 1.0  # no sign of stagnation
-            self._refuse_small_steps()
+            _refuse_small_steps(ledger)
         elif runs_away:
             program["adrift"] += 1.0
         if fraction < 1.0:
@@ -173,13 +179,13 @@ class Avalanche:
                 f"{place}. {last_breaks(ledger)}"
             )
 
-    def _refuse_small_steps(self) -> None:
-        ledger = self.ledger
-        if ledger.state.program["cuts"] > MOST_CUTS:
-            raise NotConverged(
-                f"after {ledger.failure.count:,} broken bonds some part turns or moves so far that {MOST_CUTS} steps "
-                f"in a row had to be cut, and breaks nothing. {last_breaks(ledger)}"
-            )
+
+def _refuse_small_steps(ledger: Ledger) -> None:
+    if ledger.state.program["cuts"] > MOST_CUTS:
+        raise NotConverged(
+            f"after {ledger.failure.count:,} broken bonds some part turns or moves so far that {MOST_CUTS} steps "
+            f"in a row had to be cut, and breaks nothing. {last_breaks(ledger)}"
+        )
 
 
 def _bearable(ledger: Ledger, step: np.ndarray, fraction: float) -> float:

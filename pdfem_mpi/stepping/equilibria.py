@@ -50,7 +50,7 @@ def scale(ledger: Ledger, load_factor: float) -> None:
     """Linear kinematics: the state at another load."""
     state, program = ledger.state, ledger.state.program
     factor = load_factor / state.load_factor
-    stored = program["work"] - program["released"] - ledger.failure.dissipated
+    stored = program["work"] - program["released"] - ledger.failure.dissipated - program.get("switched", 0.0)
     program["work"] += (factor * factor - 1.0) * stored
     state.load_factor = load_factor
     program["reaction"] *= factor

@@ -36,7 +36,7 @@ def follow_events(
     case: LoadCase,
     watch: Callable,
 ) -> Iterator[Report]:
-    """Yield a row at each critical state, arrest and end, and every ``report_every`` batches. Collective.
+    """Yield a row at each critical state, arrest, switch and end, and every ``report_every`` batches. Collective.
 
     Raises
     ------
@@ -51,6 +51,10 @@ def follow_events(
     if "stable" not in state.program:
         _start(ledger)
     program = state.program
+    if program.get("interpolated"):
+        avalanche.settle()
+        program["interpolated"] = 0.0
+        yield ledger.row("switch")
     while True:
         if program["stable"]:
             if settings.times is not None:
@@ -153,6 +157,7 @@ def _load_to_break(avalanche: Avalanche) -> bool:
         scale(ledger, min(state.load_factor / excess, limit))
     arrest.forget(program)
     remove_rigid_motion(ledger.model, ledger.case, state.u)
+    ledger.solve.look_at_region(state)
     program["size"] = ledger.size(state.u)
     if state.load_factor >= limit:
         return False

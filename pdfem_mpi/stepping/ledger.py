@@ -1,8 +1,9 @@
 """The books of a program of events: what its state is, what broke, and where the energy went.
 
 The ledger is ``W = U + D + X``: work of loads and supports, strain energy, energy of the bonds when they broke, energy
-that relaxation took out. ``W``, ``D`` and ``X`` are summed as they arise (``X`` from each step of the relaxation, by
-`cg.improve`), ``U`` is measured by a sweep of its own at every row.
+that relaxation took out. Where a region of bonds grows it is ``W = U + D + X + S``: the two descriptions differ at the
+same displacements, and ``S`` is what vanished in all switches. ``W``, ``D`` and ``X`` are summed as they arise (``X``
+from each step of the relaxation, by `cg.improve`), ``U`` is measured by a sweep of its own at every row.
 """
 
 from __future__ import annotations
@@ -86,6 +87,7 @@ class Ledger:
     def pause(self) -> None:
         """Keep a checkpoint or stop, if asked to: the books are complete here."""
         self.count()
+        self.solve.look_at_region(self.state)
         self.solve.stop_requests.between(self.state)
 
     def carries_little(self) -> bool:

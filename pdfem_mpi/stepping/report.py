@@ -30,7 +30,7 @@ class Report:
     event : str
         ``"step"``; of a ramp ``"ramp"`` and ``"end"``; of events ``"critical"`` (in equilibrium, the next bond is about
         to break), ``"batch"`` (within an avalanche), ``"arrest"`` (in equilibrium again), ``"turn"`` (where the way of
-        the load turns) and ``"end"``.
+        the load turns), ``"switch"`` (elements were turned into bonds) and ``"end"``.
     load_factor : float
     displacement : float, dimension length
         Largest prescribed displacement or, under forces alone, their work over ``case.load``.
@@ -58,6 +58,8 @@ class Report:
         Since the row before.
     softened : int or None
         Bonds that have softened and are not gone; None where none can.
+    switched : float or None, dimension force length
+        Strain energy that vanished where elements were turned into bonds; None where none are.
     """
 
     step: int
@@ -81,13 +83,14 @@ class Report:
     time: float | None
     seconds: float
     softened: int | None = None
+    switched: float | None = None
 
     @property
     def ledger_error(self) -> float | None:
-        """``W - U - D - X`` over ``W``, where ``X`` is counted by itself."""
+        """``W - U - D - X`` over ``W``, where ``X`` is counted by itself; less ``S``, where elements were turned."""
         if self.work is None or self.released is None or self.stored is None:
             return None
-        difference = self.work - self.stored - self.dissipated - self.released
+        difference = self.work - self.stored - self.dissipated - self.released - (self.switched or 0.0)
         return difference / self.work if self.work else difference
 
 
@@ -163,6 +166,7 @@ class Reporter:
             time=state.program.get("time"),
             seconds=now - state.began,
             softened=getattr(failure, "soft", None),
+            switched=state.program.get("switched"),
         )
         state.program["told_broken"], state.began = broken, now
         return row

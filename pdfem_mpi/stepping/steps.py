@@ -48,6 +48,7 @@ def follow_steps(
             except NotConverged as error:
                 raise _in_pieces(forces.model, case, failure, factor, str(error)) from error
             program["evaluations"] = program.get("evaluations", 0) + convergence.evaluations
+            solve.look_at_region(state)
             if failure is None or not break_bonds(solve, failure, state, external):
                 break
             if case.load and without_equilibrium(forces.model, case.fixed, external)[1]:

@@ -63,6 +63,7 @@ LATE_IMPORTS = {
     ("runs.restart_point", "pdfem_mpi.results"),
     ("runs.checkpoints", "pdfem_mpi.results"),
     ("runs.restoring", "pdfem_mpi.results"),
+    ("runs.pilot", "pdfem_mpi.results"),
     ("runs.outputs", "pdfem_mpi.results"),
     ("runs.frames", "pdfem_mpi.results"),
     ("runs.probes", "pdfem_mpi.results"),

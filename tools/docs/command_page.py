@@ -8,6 +8,7 @@ import typer.main
 
 from pdfem_mpi.command.cli import app
 from tools.docs.markdown import code, table
+from tools.docs.result_pages import words
 
 INTRODUCTION = """# Commands
 
@@ -26,7 +27,9 @@ def command_page() -> str:
     found = commands()
     rows = [(f"[pdfem {name}](#pdfem-{name})", _sentence(command)) for name, command in found.items()]
     sections = [_section(name, command) for name, command in found.items()]
-    return "\n".join([INTRODUCTION, table(("command", "what it does"), rows), *sections])
+    variables = [(code(name), code(reader), meaning) for name, reader, meaning in words("environment")["variables"]]
+    environment = f"## Environment variables\n\n{table(('variable', 'read by', 'meaning'), variables)}"
+    return "\n".join([INTRODUCTION, table(("command", "what it does"), rows), *sections, environment])
 
 
 def _section(name: str, command: Any) -> str:

@@ -48,6 +48,8 @@ class Grid:
     free : float64, shape (3 n_nodes, n_motions)
         Orthonormal rigid motions that nothing holds. They are kept out of the solve: round-off along them would
         be amplified by the inverse of ``PIN``.
+    known : int64
+        Numbers of the grid nodes in the halo.
     """
 
     corners: np.ndarray
@@ -55,6 +57,7 @@ class Grid:
     halo: Halo
     levels: tuple[Level, ...]
     free: np.ndarray
+    known: np.ndarray
 
     @property
     def n_nodes(self) -> int:
@@ -83,7 +86,9 @@ class Grid:
         return x - self.free @ (self.free.T @ x)
 
 
-def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, motions: np.ndarray) -> Grid:
+def make_grid(
+    intact: Model, share: Share, fixed: np.ndarray, spring: float, motions: np.ndarray, kept: Grid | None = None
+) -> Grid:
     """Set up the grid over a finite-element model. Collective.
 
     Parameters
@@ -96,10 +101,11 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
         Components that do not move: held by springs of stiffness ``spring``.
     motions : float64, shape (n_motions, 6)
         Rigid motions that nothing holds, as combinations of translations and rotations.
+    kept : Grid, optional
+        Of the same body with the same supports on other ranks: what rank 0 has is taken from there.
     """
     comm, nodes, subdomain = intact.comm, intact.nodes, intact.subdomain
-    lower = share.lower
-    counts, n_halvings = grid_counts(share)
+    lower, (counts, n_halvings) = share.lower, grid_counts(share)
     h = (share.upper - lower) / counts
 
     own = subdomain.elements
@@ -120,10 +126,13 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
         weight = np.ones(np.count_nonzero(held))
         add_moments(moments[:, len(ratios) + d], of_node[held], xi[held], weight, np.full_like(quantum, MOMENT_QUANTUM))
 
-    halo.scatter_reverse(moments)
     corners = cell_nodes(counts, 1, where)
+    if not kept:
+        halo.scatter_reverse(moments)
     known, levels, free = np.unique(corners), (), np.empty((0, 0))
-    if comm.rank == 0:
+    if comm.rank == 0 and kept:
+        known, levels, free = kept.known, kept.levels, kept.free
+    elif comm.rank == 0:
         of_ratios = moments.swapaxes(0, 1).astype(float)
         of_ratios[: len(ratios)] *= quantum[:, None]
         of_ratios[len(ratios) :] *= MOMENT_QUANTUM
@@ -136,7 +145,7 @@ def make_grid(intact: Model, share: Share, fixed: np.ndarray, spring: float, mot
     for d in range(3):
         weights *= np.where(CORNERS[:, d], xi[:, d, None], 1.0 - xi[:, d, None])
     places = np.ascontiguousarray(np.searchsorted(known, corners).astype(np.int32))
-    return Grid(places, weights, _halo_of_rank_0(comm, known), levels, free)
+    return Grid(places, weights, _halo_of_rank_0(comm, known), levels, free, known)
 
 
 def _moments_of_cells(share: Share, own: np.ndarray, where: np.ndarray, xi: np.ndarray, halo: Halo, ratios: np.ndarray):

@@ -148,18 +148,21 @@ class Preconditioner:
         residual[self.fixed] = 0.0
 
 
-def make_preconditioner(share: Share, model: Model, case: LoadCase, bounds: Bounds | None = None) -> Preconditioner:
+def make_preconditioner(
+    share: Share, model: Model, case: LoadCase, bounds: Bounds | None = None, kept: Grid | None = None
+) -> Preconditioner:
     """Set up all levels. Collective.
 
     Parameters
     ----------
     bounds : Bounds, optional
         Of the state, where the bounds of the cycle are kept.
+    kept : Grid, optional
+        Of the same body with the same supports, with bonds elsewhere.
     """
     bounds = Bounds() if bounds is None else bounds
     intact = build_intact_elements(share, model)
-    local = local_nodes(share, intact.subdomain)
-    cells = share.mesh.cells
+    local, cells = local_nodes(share, intact.subdomain), share.mesh.cells
     unknowns = model.unknowns
     of_points = values = None
     blocks, around, held = [], np.empty((0, 8), np.int32), np.zeros((len(intact.nodes.number), 3), np.int64)
@@ -203,7 +206,7 @@ def make_preconditioner(share: Share, model: Model, case: LoadCase, bounds: Boun
         fixed=fixed.reshape(-1),
         cycle_blocks=cycle_blocks,
         damping=damping(cycle_forces, cycle_blocks, fixed.reshape(-1)),
-        grid=make_grid(intact, share, fixed, spring, case.free_motions),
+        grid=make_grid(intact, share, fixed, spring, case.free_motions, kept),
     )
 
 

@@ -82,7 +82,7 @@ class Started:
         ranks = [process for process in below if "pdfem_mpi" in " ".join(process.cmdline())]
         return ranks or [psutil.Process(self.process.pid)]
 
-    def end(self, timeout=60):
+    def end(self, timeout=300):
         """Wait; return the exit code."""
         rest, _ = self.process.communicate(timeout=timeout)
         self.output += rest

@@ -1,0 +1,91 @@
+"""What a simulation is made of, made from its scene and its share of the body: once, or again where bonds are added."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pdfem_mpi.body.share import Share
+from pdfem_mpi.measure.probed import ProbeReader
+from pdfem_mpi.model.breaking import make_failure
+from pdfem_mpi.model.forces import Forces
+from pdfem_mpi.model.loads import make_load_case
+from pdfem_mpi.model.model import build_model
+from pdfem_mpi.runs.read_columns import make_gauges
+from pdfem_mpi.runs.readings import Readings
+from pdfem_mpi.runs.region_watch import RegionWatch
+from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
+from pdfem_mpi.solvers.preconditioner.coarse_grid import Grid
+from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
+
+Note = Callable[[str], None]
+
+
+def ignore(*words: Any) -> None:
+    """Do nothing with what is reported."""
+
+
+class Assembly(Readings):
+    """The part of `Simulation` that makes what it holds. All methods are collective.
+
+    Attributes
+    ----------
+    caches : paths
+        Folders of fitted factors.
+    known : dict
+        What forces go on from: evaluations, and the time and kernels that they took.
+    words : (callable, stop requests)
+        Who hears remarks of the solver, and who says when to stop.
+    observers : list
+        Of switches: their ``let_go()`` is called before one, and ``take(simulation)`` after it.
+    kept_grid : Grid or None
+        The preconditioner's, of the intact body, which a switch does not change.
+    """
+
+    caches: Sequence[Path]
+    known: dict[str, Any]
+    words: tuple[Note, Any]
+    observers: list[Any]
+    kept_grid: Grid | None = None
+
+    def build(self, share: Share) -> None:
+        """Make the equations of a share of the body. Collective."""
+        self.model = build_model(self.scene, share, self.comm, self.caches)
+        self.share = replace(share, boundaries=None)  # the whole body goes here
+        self.case = make_load_case(self.scene, self.share, self.model)
+
+    def assemble(self) -> None:
+        """Make what works on the equations, for the state as it is. Collective."""
+        scene, share, model = self.scene, self.share, self.model
+        self.forces = Forces(model, self.state.bounds, **self.known)
+        self.failure = make_failure(scene, share, model)
+        self.gauges = make_gauges(scene, share, model)
+        self.probe_reader = ProbeReader(scene, share, model)
+        self.region_watch = RegionWatch.of(self) if share.found else None
+        self.solver: EquilibriumSolver | None = None
+        self._evaluated = False
+
+    def let_go(self) -> None:
+        """Let go of all that hangs on where bonds are, before it is made anew."""
+        for observer in self.observers:
+            observer.let_go()
+        forces = self.forces
+        self.kept_grid = self.solver.preconditioner.grid if self.solver else None
+        self.known = {"evaluations": forces.evaluations, "swept": forces.swept, "seconds": forces.seconds}
+        self.model = self.case = self.forces = self.failure = self.solver = None
+        self.gauges = self.probe_reader = self.region_watch = None
+
+    def prepare_solver(self, note: Note | None = None, stop_requests: Any = None) -> EquilibriumSolver:
+        """Set up the scene's solver for the loads as they are; ``note`` is called with remarks for the user."""
+        self.words = note or self.words[0], stop_requests or self.words[1]
+        if self.kept_grid is None:
+            solver = make_solver(self.scene, self.share, self.forces, self.case, *self.words)
+        else:
+            kept = make_preconditioner(self.share, self.model, self.case, self.forces.bounds, self.kept_grid)
+            solver = EquilibriumSolver(self.forces, self.case, self.scene.solver, kept, *self.words)
+        if self.region_watch:
+            solver = replace(solver, look_at_region=self.region_watch.look)
+        self.solver, self.kept_grid = solver, None  # of other supports it would not be the same
+        return solver

@@ -1,0 +1,137 @@
+"""Whether the bonds of a region that is found are where the next break can happen; asked by the load programs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pdfem_mpi.body.found_region import Turning
+from pdfem_mpi.measure.foretelling import Foretelling
+from pdfem_mpi.model.state import State
+from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.runs.widening import estimate_error
+from pdfem_mpi.solvers.convergence import NotConverged
+from pdfem_mpi.stepping import Report
+
+if TYPE_CHECKING:
+    from pdfem_mpi.runs.simulation import Simulation
+
+
+class RegionTooSmall(Exception):
+    """Bonds are needed where there are elements; the state is whole.
+
+    Attributes
+    ----------
+    turning : Turning
+        What to turn.
+    """
+
+    def __init__(self, turning: Turning):
+        self.turning = turning
+        super().__init__("bonds are needed where there are elements")
+
+
+@dataclass
+class RegionWatch:
+    """Looks at a state, and asks for more bonds.
+
+    Attributes
+    ----------
+    simulation : Simulation
+    foretelling : Foretelling
+    """
+
+    simulation: Simulation
+    foretelling: Foretelling
+
+    @classmethod
+    def of(cls, simulation: Simulation) -> RegionWatch:
+        """That of a simulation as it is now. Collective."""
+        return cls(simulation, Foretelling(simulation.scene, simulation.share, simulation.model))
+
+    def look(self, state: State) -> None:
+        """Compare what is needed with what there is. Collective.
+
+        Raises
+        ------
+        RegionTooSmall
+            On all ranks: the region must grow.
+        NotConverged
+            On all ranks: it must, and cannot.
+        """
+        simulation, settings = self.simulation, self.simulation.scene.adaptive
+        share, comm = simulation.share, simulation.comm
+        found, cells = share.found, self.foretelling.cells
+        threshold = settings.threshold_with(simulation.scene.peridynamics.surface_correction)
+        ratio = self.foretelling.ratios(state.u, threshold)
+        hot, damaged = cells[ratio >= threshold], self._damaged()
+        missing = np.count_nonzero(found.too_near[hot]) + np.count_nonzero(found.too_near[damaged])
+        ends = np.count_nonzero(found.at_the_end[damaged])
+        missing, ends = sum_integers(comm, np.array([missing, ends])).tolist()
+        top = float(largest(comm, np.array([ratio.max(initial=0.0)]))[0])
+        program = state.program
+        if ends:
+            raise NotConverged(self._describe_end(damaged[found.at_the_end[damaged]]))
+        if not missing:
+            program["foretold"] = max(program.get("foretold", 0.0), top)
+            return
+        seeds = share.mesh.cell_id[np.concatenate([hot, damaged])]
+        seeds = np.unique(np.concatenate(comm.allgather(np.unique(seeds))))
+        if not settings.growth:
+            raise NotConverged(self._describe_small(top, seeds))
+        raise RegionTooSmall(Turning(found.turned, seeds, settings.growth))
+
+    def hear(self, report: Report) -> None:
+        """Estimate the error at the first break. Collective."""
+        program, wanted = self.simulation.state.program, self.simulation.scene.adaptive.widening_check
+        if wanted and report.event == "critical" and not report.broken and "widened" not in program:
+            error = estimate_error(self.simulation, report.reaction)
+            program["widened"] = float(error is not None)
+            if error is not None:
+                program["error"] = error
+
+    def _damaged(self) -> np.ndarray:
+        """Places in the share of the cells at the ends of the rank's broken bonds; int64."""
+        share, failure = self.simulation.share, self.simulation.failure
+        if failure is None:
+            return np.empty(0, np.int64)
+        numbers = np.unique(failure.broken_pairs() // 8 % share.counts.cells)
+        return share.mesh.places_of_cells(numbers)
+
+    def _describe_end(self, places: np.ndarray) -> str:
+        """The crack has come to what stays elements. Collective."""
+        where = self._first(self.simulation.share.mesh.cell_id[places])
+        return (
+            f"{self._so_far()} the damage comes within adaptive.reach = {self.simulation.scene.adaptive.reach:g} of "
+            f"cells that must stay elements, at {where}: beside them no bond may fail, and what follows would not be "
+            "the body's. Supports, loads, regions of elements, always_elements and may_fail = false make cells stay: "
+            "move them away, or end the run before, by stepping.end_reaction or end_load_factor."
+        )
+
+    def _describe_small(self, top: float, seeds: np.ndarray) -> str:
+        """The region would have to grow, and the deck says that it stays."""
+        share = self.simulation.share
+        length = share.units.length
+        return (
+            f"{self._so_far()} the region of bonds does not hold: elements foretell {top:.3f} of the critical stretch, "
+            f"or broken bonds come within adaptive.reach of them, in {len(seeds):,} cells. adaptive.growth = 0 keeps "
+            f"it as it was found. Let it grow: growth = {4.0 * self.simulation.scene.adaptive.reach:g} (in lengths of "
+            f"{length:g}), or begin with more of it, by adaptive.pilot or a smaller threshold."
+        )
+
+    def _so_far(self) -> str:
+        count = self.simulation.failure.count if self.simulation.failure else 0
+        return f"after {count:,} broken bonds"
+
+    def _first(self, numbers: np.ndarray) -> str:
+        """Where the first of some cells on all ranks is. Collective."""
+        share = self.simulation.share
+        first = share.counts.cells if not len(numbers) else int(numbers.min())
+        first = int(-largest(share.comm, np.array([-float(first)]))[0])
+        place = np.full(3, -np.inf)
+        here = np.flatnonzero((share.mesh.cell_id == first) & share.is_owned)
+        if len(here):
+            place = share.mesh.centroids[here[0]]
+        return f"({', '.join(f'{x:.6g}' for x in largest(share.comm, place))})"

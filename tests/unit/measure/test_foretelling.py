@@ -1,0 +1,66 @@
+"""Foretold stretches, against all pairs of points by numpy."""
+
+import numpy as np
+import pytest
+
+from pdfem_mpi import Simulation
+from pdfem_mpi.deck.peridynamics import Crack
+from pdfem_mpi.kernels.hex8 import gauss_positions
+from pdfem_mpi.measure.foretelling import ROUNDED
+from pdfem_mpi.parallel.comm import mpi
+from support.adaptive import plate
+
+CRACK = (Crack(polygon=((9.0, -1.0, -1.0), (9.0, 4.1, -1.0), (9.0, 4.1, 2.0), (9.0, -1.0, 2.0))),)
+STRETCH, CUTOFF = 0.002, 2.5 * (1.0 + 1e-9)
+
+
+def dense(x, u, mirrored):
+    """Largest stretch of each cell's bonds over the critical one; positions and displacements (n, 8, 3)."""
+    x, u = x.reshape(-1, 3), u.reshape(-1, 3)
+    far, moved = [x], [u]
+    for plane in (0.0, 1.0) if mirrored else ():
+        far.append(x * [1, 1, -1] + [0, 0, 2 * plane])
+        moved.append(u * [1, 1, -1])
+    if mirrored:
+        for shift in (-2.0, 2.0):
+            far.append(x + np.array([0.0, 0.0, shift]))
+            moved.append(u)
+    far, moved = np.concatenate(far), np.concatenate(moved)
+    found = np.zeros(len(x))
+    for k in range(len(x)):
+        xi, eta = far - x[k], moved - u[k]
+        square = (xi**2).sum(axis=1)
+        near = (square > 0.0) & (square <= CUTOFF**2)
+        found[k] = max(0.0, ((xi * eta).sum(axis=1)[near] / square[near]).max())
+    return found.reshape(-1, 8).max(axis=1) / STRETCH
+
+
+@pytest.mark.parametrize("symmetry", [(), ("z-", "z+")])
+def test_ratios_are_those_of_all_pairs(symmetry):
+    """At random displacements, of bonds and elements, with images where there are mirror planes."""
+    simulation = Simulation(plate(remove=(), symmetry=symmetry, cracks=CRACK), mpi().COMM_SELF)
+    foretelling, share = simulation.region_watch.foretelling, simulation.share
+    u = np.random.default_rng(3).normal(size=len(simulation.state.u)) * 1e-3
+    u[simulation.model.rollers] = 0.0
+    points = foretelling.place(u)
+    x = gauss_positions(share.mesh.nodes[share.mesh.cells[foretelling.cells]])
+    asked = (share.found.can_turn & ~share.found.is_turned)[foretelling.cells]
+    expected = dense(x, points, bool(symmetry)) * asked
+    found = foretelling.ratios(u, 0.0)
+    assert np.count_nonzero(asked) > 40
+    np.testing.assert_allclose(found, expected, atol=ROUNDED)
+    # cells that are not worth a look are those that stretch little
+    rough = foretelling.ratios(u, 0.8)
+    assert ((rough == found) | (found < 0.8)).all()
+
+
+def test_no_bond_is_foretold_across_a_notch():
+    """Both flanks move apart as they are: nothing stretches."""
+    simulation = Simulation(plate(), mpi().COMM_SELF)
+    share, foretelling = simulation.share, simulation.region_watch.foretelling
+    simulation.displace(lambda x: np.where(x[:, :1] > 9.0, [[1.0, 0.0, 0.0]], 0.0) * (x[:, 1:2] < 7.0))
+    ratio = foretelling.ratios(simulation.state.u, 0.0)
+    low = share.mesh.centroids[foretelling.cells][:, 1] < 1.5
+    assert ratio[low].max() < 1e-6
+    assert ratio.max() > 10.0
+

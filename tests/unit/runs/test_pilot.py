@@ -1,0 +1,40 @@
+"""A run on coarser cells says where bonds are needed."""
+
+import numpy as np
+import pytest
+
+from pdfem_mpi import Simulation
+from pdfem_mpi.deck.meshes import BoxMesh
+from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.parallel.comm import mpi
+from support.adaptive import CELLS, NOTCH, plate, rows_of
+from support.restarts import alone
+
+
+def test_what_broke_in_the_pilot_is_turned_from_the_beginning(tmp_path):
+    """A region that stays then holds to the end, on cells half as wide as well."""
+    assert alone(plate(), tmp_path / "pilot") == 0
+    settings = {"growth": 0.0, "pilot": str(tmp_path / "pilot"), "pilot_distance": 3.0}
+    simulation = Simulation(plate(adaptive=settings), mpi().COMM_SELF)
+    first = simulation.share.found.turned
+    rows = rows_of(simulation)
+    assert rows[-1]["event"] == "end"
+    assert {row["event"] for row in rows} >= {"critical", "batch"}
+    assert "switch" not in {row["event"] for row in rows}
+    np.testing.assert_array_equal(simulation.share.found.turned, first)
+
+    finer = BoxMesh(lower=(0.0, 0.0, 0.0), upper=CELLS, spacing=0.5, remove=(NOTCH,))
+    twice = plate(adaptive=settings | {"pilot_distance": None})
+    found = Simulation(twice.model_copy(update={"mesh": finer}), mpi().COMM_SELF)
+    centroids = found.share.mesh.centroids[found.share.found.is_turned]
+    assert found.share.counts.cells == 8 * simulation.share.counts.cells
+    assert np.ptp(centroids[:, 1]) > 6.0  # along the whole way of the crack
+
+
+def test_a_folder_without_broken_bonds_is_refused(tmp_path):
+    scene = plate(adaptive={"pilot": str(tmp_path)})
+    with pytest.raises(SceneError, match=r"adaptive\.pilot = .* is no run folder"):
+        Simulation(scene, mpi().COMM_SELF)
+    (tmp_path / "deck.toml").write_text("", encoding="utf-8")
+    with pytest.raises(SceneError, match="has no checkpoint"):
+        Simulation(scene, mpi().COMM_SELF)

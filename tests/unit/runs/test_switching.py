@@ -1,0 +1,117 @@
+"""Regions of bonds that a run finds: they follow the crack, and nothing is lost where elements are turned."""
+
+import weakref
+
+import pytest
+
+from pdfem_mpi import Simulation
+from pdfem_mpi.deck.programs import Events, Steps
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.solvers.convergence import NotConverged
+from support.adaptive import DRAWN, FAST, plate, rows_of
+from support.restarts import StopAt, alone, differing, outcome
+
+FINISHED, STOPPED = 0, 75
+#: Loads of equal numbers of broken bonds: of a region of three cells, of which the widening check tells some 0.3 %.
+OF_LOADS = 0.01
+#: Work that the books lose: sums of some thousand terms, each rounded once.
+LEDGER = 1e-10
+
+
+def test_the_region_follows_the_crack():
+    """Loads of the first breaks are those of bonds everywhere, and the ledger closes across switches."""
+    self = mpi().COMM_SELF
+    found, drawn = Simulation(plate(), self), Simulation(plate(DRAWN), self)
+    rows, expected = rows_of(found), rows_of(drawn)
+    loads, wanted = (
+        [(row["broken_bonds"], row["reaction"]) for row in some if row["event"] == "critical"]
+        for some in (rows, expected)
+    )
+    assert len(wanted) > 2
+    for (broken, load), (same, reference) in zip(loads[:3], wanted[:3], strict=True):
+        assert broken == same
+        assert load == pytest.approx(reference, rel=OF_LOADS)
+    switches = [row for row in rows if row["event"] == "switch"]
+    assert len(switches) >= 2
+    assert all(abs(row["ledger_error"]) < LEDGER for row in rows)
+    assert [row["bonds"] for row in rows] == sorted(row["bonds"] for row in rows)
+    assert rows[0]["bonds"] < rows[-1]["bonds"] <= drawn.model.bonds.count
+    assert 0.0 < found.state.program["foretold"] < 0.8
+    assert rows[-1]["broken_bonds"] == pytest.approx(expected[-1]["broken_bonds"], rel=0.1)
+
+
+def test_stops_change_nothing(tmp_path):
+    """Stopped again and again, before and after switches: rows, frames and checkpoints of the run left alone."""
+    straight, stopped = tmp_path / "straight", tmp_path / "stopped"
+    assert alone(plate(), straight) == FINISHED
+    codes = []
+    for n in (4, 9, 2, 1, 1, 1, 1, 1, 3, 60, 60):
+        codes.append(alone(plate(), stopped, requests=StopAt(n)))
+        if codes[-1] == FINISHED:
+            break
+    assert codes.count(STOPPED) > 5
+    assert codes[-1] == FINISHED
+    assert not differing(outcome(stopped), outcome(straight))
+
+
+def test_a_region_that_stays_ends_with_a_sentence():
+    """Without growth the run ends where the region does not hold."""
+    with pytest.raises(NotConverged, match=r"adaptive\.growth = 0 keeps it"):
+        rows_of(Simulation(plate(adaptive={"growth": 0.0}), mpi().COMM_SELF))
+
+
+def test_too_many_bonds_end_with_a_sentence():
+    scene = plate(adaptive={"max_bonds": 6e4})
+    with pytest.raises(NotConverged, match=r"adaptive\.max_bonds = 60000 ends the run"):
+        rows_of(Simulation(scene, mpi().COMM_SELF))
+
+
+def test_a_crack_led_into_elements_ends_with_a_sentence():
+    """Cells ahead of the notch stay elements: what breaks beside them would not be the body's."""
+    regions = (
+        Region(name="body", model="auto", upper=(18.0, 9.0, 1.0)),
+        Region(name="upper", model="auto", lower=(0.0, 9.0, 0.0), always_elements=True),
+    )
+    with pytest.raises(NotConverged, match="cells that must stay elements"):
+        rows_of(Simulation(plate(regions), mpi().COMM_SELF))
+
+
+def test_steps_switch_too():
+    """At given loads the region grows before anything breaks beside it, and books of bonds go along."""
+    scene = plate(stepping=Steps(load_factors=(0.3, 0.5)))
+    simulation = Simulation(scene, mpi().COMM_SELF)
+    rows = rows_of(simulation)
+    assert [row["load_factor"] for row in rows] == [0.3, 0.5]
+    assert rows[1]["broken_bonds"] > 0
+    assert simulation.state.program["switches"] >= 1
+    drawn = rows_of(Simulation(plate(DRAWN, stepping=scene.stepping), mpi().COMM_SELF))
+    assert rows[0]["reaction"] == pytest.approx(drawn[0]["reaction"], rel=OF_LOADS)
+
+
+def test_the_error_is_estimated():
+    """Three times as wide a region tells most of what bonds everywhere would change, with its sign."""
+    stepping = Events(kind="events", **FAST | {"end_load_factor": 0.41})
+    scene, drawn = plate(adaptive={"widening_check": True}, stepping=stepping), plate(DRAWN, stepping=stepping)
+    simulation = Simulation(scene, mpi().COMM_SELF)
+    first, reference = next(simulation.steps()), next(Simulation(drawn, mpi().COMM_SELF).steps())
+    true = first["reaction"] / reference["reaction"] - 1.0
+    assert abs(true) < OF_LOADS
+    assert simulation.state.program["error"] == pytest.approx(true, rel=0.7)
+
+
+def test_the_old_body_is_gone_before_the_new_one_is_made(monkeypatch):
+    """A switch never holds the bonds of two bodies."""
+    simulation, alive, build = Simulation(plate(), mpi().COMM_SELF), [], Simulation.build
+    old = [weakref.ref(simulation.model)]
+
+    def watched(self, share):
+        alive.append(old[0]() is not None)
+        build(self, share)
+        old[0] = weakref.ref(self.model)
+
+    monkeypatch.setattr(Simulation, "build", watched)
+    for _ in simulation.steps():
+        if simulation.state.program.get("switches") == 1.0:
+            break
+    assert alive == [False]

@@ -1,0 +1,106 @@
+"""The study of experiments: its decks, what was measured, curves, paths, and the page."""
+
+import numpy as np
+import pytest
+
+import pdfem_mpi
+from support.helpers import ROOT
+from tools.studies.experiments import cases, curves, study
+
+DECKS = sorted(cases.DECKS.glob("*.toml"))
+#: A coarse slice of the Danish beam against a ligament of cohesive finite elements with the same curve (2,647 N): two
+#: cells of 10 mm sizes differ by 4 % at most, and a pin on one row of points bends the beam over all of its span.
+COHESIVE, WITHIN = 2647.0, 0.06
+
+
+@pytest.mark.parametrize("deck", DECKS, ids=lambda path: path.stem)
+def test_decks_are_read_and_open_with_their_source(deck):
+    scene = pdfem_mpi.read_deck(deck)
+    assert scene.material.can_fail and scene.stepping.kind == "events"
+    head = deck.read_text(encoding="utf-8").partition("\ntitle")[0]
+    assert "# Held to: " in head and ("Source: " in head or "numerical reference" in head)
+
+
+def test_every_case_has_a_deck_that_takes_its_settings():
+    found = cases.cases(fine=True)
+    assert len({case.name for case in found}) == len(found)
+    for case in found:
+        scene = pdfem_mpi.read_deck(case.experiment.deck, [f"{key}={value}" for key, value in case.overrides().items()])
+        assert scene.mesh.spacing == case.spacing
+        thickness = scene.mesh.upper[2] - scene.mesh.lower[2]
+        assert thickness * case.scale == pytest.approx(case.experiment.thickness)
+        assert ("z+" in scene.mesh.symmetry) == (case.body == cases.SLICE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("deck", DECKS, ids=lambda path: path.stem)
+def test_decks_pass_their_check(deck):
+    pdfem_mpi.check(pdfem_mpi.read_deck(deck))
+
+
+@pytest.mark.parametrize("one", cases.EXPERIMENTS.values(), ids=lambda one: one.name)
+def test_what_was_measured_names_its_source(one):
+    text = one.measured.read_text(encoding="utf-8")
+    assert text.startswith("# ") and len(text.partition("\n")[0]) > 30
+    measured = curves.read_measured(one.measured)
+    first, *others = curves.columns(measured)
+    assert len(first) >= 13 and all(len(column) == len(first) for column in others)
+    if one in cases.TESTS:
+        assert (np.diff(first) > 0.0).all()
+
+
+def test_a_missing_curve_is_said(tmp_path, capsys):
+    assert curves.read_measured(tmp_path / "lost.csv") is None
+    assert "lost.csv is missing" in capsys.readouterr().out
+    assert study.compared(curves.Curve(np.array([1.0]), np.array([2.0]), 0.0), cases.TESTS[0], None)[0] == "missing"
+
+
+def test_curves_are_compared_where_both_are():
+    at = np.linspace(0.01, 1.0, 100)
+    curve = curves.Curve(at, np.sin(3.0 * at), 0.0)
+    measured = {"at": np.array([0.1, 0.5, 2.0]), "load": np.sin([0.3, 1.5, 6.0]) + 0.1}
+    difference, last = curves.rms(curve, measured)
+    assert last == 0.5 and difference == pytest.approx(0.1 / measured["load"].max(), rel=1e-3)
+    band = {"at": at[:3], "low": np.full(3, 0.05), "high": np.array([1.0, 1.0, np.nan])}
+    assert curves.inside(curve, band) == (1, 2)
+    assert curve.peak[0] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_test_does_not_see_a_snap_back():
+    curve = curves.Curve(np.array([1.0, 2.0, 1.5, 1.8, 2.5]), np.array([1.0, 3.0, 2.5, 2.0, 1.0]), 0.0)
+    assert [*curve.rising()[0]] == [1.0, 2.0, 2.5] and [*curve.rising()[1]] == [1.0, 3.0, 1.0]
+
+
+def test_a_path_is_measured_across():
+    y = np.linspace(0.0, 10.0, 11)
+    path = (0.5 * y, y)
+    assert curves.path_distance(path, {"x": np.array([1.0, 9.0]), "y": np.array([2.0, 20.0])}) == pytest.approx(0.0)
+    assert curves.path_distance(path, {"x": np.array([1.5]), "y": np.array([2.0])}) == pytest.approx(0.5)
+
+
+def test_the_page_has_the_markers_of_the_study():
+    page = (ROOT / "docs" / "experiments.md").read_text(encoding="utf-8")
+    for name in ("tests", "paths"):
+        assert f"<!-- {name}: tools/studies/study experiments -->" in page and f"<!-- end of {name} -->" in page
+    for one in cases.EXPERIMENTS.values():
+        assert f"jobs/experiments/{one.name}.toml" in page
+
+
+@pytest.mark.slow
+def test_a_coarse_slice_of_the_danish_beam_is_near_cohesive_elements(tmp_path):
+    """To just beyond its peak, by an independent program of the same traction-opening curve."""
+    case = cases.Case(cases.EXPERIMENTS["danish_normal"], body=cases.SLICE)
+    more = {"stepping.end_load_factor": "0.2", "output.figures": "false", "output.fields": "false", "output.every": "1"}
+    settings = case.overrides() | more
+    scene = pdfem_mpi.read_deck(case.experiment.deck, [f"{key}={value}" for key, value in settings.items()])
+    pdfem_mpi.run(scene, tmp_path / "run")
+    history = pdfem_mpi.open_run(tmp_path / "run").history
+    stable = np.isin(history["event"], curves.STABLE)
+    peak = case.scale * np.abs(history["pin.force_y"][stable]).max()
+    assert abs(peak / COHESIVE - 1.0) < WITHIN
+
+
+def test_a_dry_run_lists_what_is_left_and_writes_nothing():
+    page = ROOT / "docs" / "experiments.md"
+    before = page.read_bytes()
+    assert study.main(["--dry-run"]) == 0 and page.read_bytes() == before

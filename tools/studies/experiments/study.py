@@ -1,0 +1,146 @@
+"""Published experiments, run at two cell sizes and two internal lengths: docs/experiments.md.
+
+Each run has a folder in runs/experiments/. ``--fine`` adds the fine cells at half of the thickness; ``--only`` chooses
+by name.
+"""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Sequence
+
+from tools.studies.experiments.cases import EXPERIMENTS, FOLDER, PATHS, Case, Experiment, cases
+from tools.studies.experiments.curves import Curve, inside, path_distance, read_curve, read_measured, read_path, rms
+from tools.studies.experiments.drawing import draw_loads, label_of
+from tools.studies.series import DOCS, Results, fill, parser_of, run_deck, summary_of, table
+
+DOCUMENT = DOCS / "experiments.md"
+FIGURES = DOCS / "figures" / "experiments"
+#: What every run cost: processor seconds with start-up, and memory.
+COSTS = Results(FOLDER / "costs")
+
+
+def run(case: Case) -> None:
+    """Run a case, and keep what it cost."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    deck = f"experiments/{case.experiment.name}.toml"
+    done = run_deck(deck, case.overrides(), case.folder, "--overwrite", check=False)
+    if done.returncode:
+        print(f"{case.name} gave no result:\n{done.stdout[-500:]}{done.stderr[-500:]}", flush=True)
+        return
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    COSTS.write(case.name, None, {"processor_seconds": seconds})
+
+
+def row_of(case: Case) -> list[str] | None:
+    """One row of the table of tests; None without a run."""
+    curve, experiment = read_curve(case), case.experiment
+    if curve is None:
+        return None
+    measured = read_measured(experiment.measured)
+    peak, at = curve.peak
+    summary = summary_of(case.folder)
+    cost = COSTS.read(case.name) or {}
+    seconds = f"{cost['processor_seconds']:,.0f}" if cost else ""
+    memory = f"{max(summary['memory']['peak_bytes_per_rank']) / 2**20:.0f}"
+    told, error, fit = compared(curve, experiment, measured)
+    words = f"cells {case.spacing:.3g}, l {case.internal:.3g}, {case.body}"
+    work = f"{curve.work / (energy_of(case) * experiment.ligament * experiment.thickness):.2f}"
+    fit, work = ("", "") if case.short else (fit, work)
+    return [
+        experiment.title, words + (f", {case.material}" if case.material else ""), told, f"{peak:,.0f} at {at:.3g}",
+        error, fit, work, seconds, memory,
+    ]  # fmt: skip
+
+
+def energy_of(case: Case) -> float:
+    """Fracture energy of the material of a case."""
+    sets = case.experiment.sets.get(case.material, {})
+    return float(sets.get("material.fracture_energy", case.experiment.energy))
+
+
+def compared(curve: Curve, experiment: Experiment, measured) -> tuple[str, str, str]:
+    """Measured peak, the error of ours, and how well the whole curve fits, in words."""
+    if measured is None:
+        return "missing", "", ""
+    at, *loads = measured.values()
+    peak = curve.peak[0]
+    if len(loads) == 2:
+        # the mean specimen lies in the middle of the band
+        k = max(range(len(at)), key=lambda i: loads[0][i] + loads[1][i])
+        low, high = max(loads[0]), max(loads[1])
+        middle = 0.5 * (low + high)
+        good, whole = inside(curve, measured)
+        told = f"{low:,.0f} to {high:,.0f} at {at[k]:.3g}"
+        verdict = "inside" if low <= peak <= high else f"{100.0 * (peak / middle - 1.0):+.1f} % of the middle"
+        return told, verdict, f"{good} of {whole} inside"
+    k = int(loads[0].argmax())
+    told = f"{loads[0][k]:,.0f} at {at[k]:.3g}"
+    error = f"{100.0 * (peak / loads[0][k] - 1.0):+.1f} %"
+    difference, last = rms(curve, measured)
+    return told, error, f"{100.0 * difference:.1f} % to {last:.2g}"
+
+
+def table_of(chosen: Sequence[Case]) -> list[str]:
+    """All tests with a run."""
+    head = [
+        "test", "model", "measured peak / N at / mm", "ours", "error", "rms of the curve, or points in the band",
+        "work / G_f A", "processor s", "MiB",
+    ]  # fmt: skip
+    order = {name: k for k, name in enumerate(EXPERIMENTS)}
+    ranked = sorted(chosen, key=lambda case: order[case.experiment.name])
+    return table(head, [row for case in ranked if case.experiment not in PATHS and (row := row_of(case)) is not None])
+
+
+def paths_table(chosen: Sequence[Case]) -> list[str]:
+    """Distances of paths from the measured one."""
+    rows = []
+    for case in chosen:
+        if case.experiment not in PATHS or read_curve(case) is None or (path := read_path(case)) is None:
+            continue
+        measured = read_measured(case.experiment.measured)
+        far = "missing" if measured is None else f"{path_distance(path, measured):.1f}"
+        cost = COSTS.read(case.name) or {}
+        rows.append([case.experiment.title, f"{case.spacing:g}", far, f"{cost.get('processor_seconds', 0.0):,.0f}"])
+    return table(["path", "cells / mm", "largest distance from the measured path / mm", "processor s"], rows)
+
+
+def draw(experiment: Experiment, chosen: Sequence[Case]) -> None:
+    """The figure of one experiment."""
+    mine = [case for case in chosen if case.experiment is experiment and not case.short]
+    done = {case: curve for case in mine if (curve := read_curve(case))}
+    if not done:
+        return
+    bodies = sorted({case.body for case in done})
+    labels = {case: label_of(case, bodies) for case in done}
+    paths = {labels[case]: path for case in done if experiment.path and (path := read_path(case)) is not None}
+    measured = read_measured(experiment.measured)
+    traced = measured if experiment in PATHS else None
+    draw_loads(
+        FIGURES / f"{experiment.name}.svg",
+        experiment,
+        {labels[case]: curve for case, curve in done.items()},
+        None if experiment in PATHS else measured,
+        paths,
+        traced,
+    )
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run what is left, fill the tables and draw the figures."""
+    options = parser_of(__doc__, fine="fine cells at half of the thickness, too").parse_args(arguments)
+    everything = cases(fine=True)
+    wanted = [case for case in cases(options.fine) if options.only in case.name]
+    for case in wanted:
+        if summary_of(case.folder).get("exit_code") == 0:
+            continue
+        print(case.name, flush=True)
+        if not (options.dry_run or options.report):
+            run(case)
+    if options.dry_run:
+        return 0
+    fill(DOCUMENT, {"tests": table_of(everything), "paths": paths_table(everything)})
+    for experiment in EXPERIMENTS.values():
+        draw(experiment, everything)
+    return 0
