@@ -1,4 +1,4 @@
-"""Bonds of any Poisson's ratio beside exact fields: the tables of docs/materials.md.
+"""Bonds of any Poisson's ratio beside exact fields: a table of docs/materials.md.
 
 ``tests/verification/test_exact_fields.py`` measures and judges; this runs its tests, the slow ones too (minutes),
 and fills the page from what they tell. The report stays in runs/materials/; with ``--report`` the page is made from it.
@@ -14,12 +14,6 @@ from tools.studies.series import DOCS, RUNS, fill, parser_of, properties_of, run
 REPORT = RUNS / "materials" / "tests.xml"
 KEY, TESTS = "materials", "tests/verification/test_exact_fields.py"
 PAGE = DOCS / "materials.md"
-FE = "finite_elements"
-
-
-def percent(value: float, digits: int = 1) -> str:
-    """A difference with its sign."""
-    return f"{100.0 * value:+.{digits}f} %"
 
 
 def by(rows: Iterable[dict[str, Any]], *keys: str) -> dict[tuple, dict[str, Any]]:
@@ -39,34 +33,6 @@ def of_ratios(found: dict[str, list[dict[str, Any]]]) -> list[str]:
     return table(["nu", *(f"{nu:g}" for nu in ratios)], rows)
 
 
-def of_balls(rows: list[dict[str, Any]]) -> list[str]:
-    """Errors of the ball's strains and of all displacements."""
-    cells, ratios = by(rows, "model", "nu", "contrast"), sorted({row["nu"] for row in rows})
-    head = ["contrast", *(f"{name}, nu = {nu:g}" for name in ("elements", "bonds") for nu in ratios)]
-    lines = []
-    for contrast in sorted({row["contrast"] for row in rows}):
-        line = [f"{contrast:g}"]
-        for model in (FE, "peridynamics"):
-            for nu in ratios:
-                mean, shear, all_of_it = (100.0 * e for e in cells[model, nu, contrast]["errors"])
-                line.append(f"{mean:+.1f} / {shear:+.1f} / {all_of_it:.1f}")
-        lines.append(line)
-    return table(head, lines)
-
-
-def of_plates(rows: list[dict[str, Any]]) -> list[str]:
-    """Errors of the displacement at half the cylinder's radius."""
-    cells, ratios = by(rows, "model", "nu", "contrast"), sorted({row["nu"] for row in rows})
-    head = ["contrast", *(f"{name}, nu = {nu:g}" for name in ("coupled", "elements") for nu in ratios)]
-    return table(
-        head,
-        [
-            [f"{c:g}", *(percent(cells[model, nu, c]["error"]) for model in ("coupled", FE) for nu in ratios)]
-            for c in sorted({row["contrast"] for row in rows}, reverse=True)
-        ],
-    )
-
-
 def main(words: list[str]) -> int:
     """Run the tests, fill the page; the tests' exit code."""
     options = parser_of(__doc__).parse_args(words)
@@ -78,7 +44,6 @@ def main(words: list[str]) -> int:
     for _, told in properties_of(REPORT, KEY):
         found.setdefault(told["table"], []).append(told)
     if options.report or not options.only:
-        tables = {"ratios": of_ratios(found), "balls": of_balls(found["ball"]), "plates": of_plates(found["plate"])}
-        fill(PAGE, tables)
+        fill(PAGE, {"ratios": of_ratios(found)})
         print(f"filled the tables of {PAGE.name}")
     return code
