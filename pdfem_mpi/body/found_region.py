@@ -209,11 +209,12 @@ def _can_turn(scene: Scene, elements: Discretization) -> np.ndarray:
 
 
 def _used_cells(scene: Scene, elements: Discretization) -> np.ndarray:
-    """Cells at which supports and loads hold or pull; bool, shape (n_cells,). Forces on volumes act on both kinds."""
+    """Cells at which supports, springs, ties and loads act; bool, (n_cells,). Forces on volumes act on both kinds."""
     found = select_places(scene, elements)
     used = np.zeros(len(elements.mesh.cells), bool)
     nodes = np.zeros(len(elements.mesh.nodes), bool)
-    for entry, chosen in zip((*scene.loads, *scene.supports), (*found.loads, *found.supports), strict=True):
+    entries = *scene.loads, *scene.supports, *scene.springs, *scene.ties
+    for entry, chosen in zip(entries, (*found.loads, *found.supports, *found.springs, *found.ties), strict=True):
         if chosen is None or isinstance(entry, BodyForce):
             continue
         if isinstance(chosen, ChosenFaces):

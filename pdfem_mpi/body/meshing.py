@@ -38,7 +38,10 @@ def make_mesh(scene: Scene) -> HexMesh:
     messages = find_defects(mesh, node_number, entry.doubled_nodes == "crack") + _spacing_problems(scene, mesh)
     for face in entry.symmetry:
         messages += mirror_problems(mesh, face)
-    for table, entries in (("loads", scene.loads), ("supports", scene.supports)):
+    springs = [spring.pull(1.0) for spring in scene.springs]
+    for table, entries in (
+        ("loads", scene.loads), ("supports", scene.supports), ("springs", springs), ("ties", scene.ties)
+    ):  # fmt: skip
         for index, item in enumerate(entries):
             if getattr(item, "set", None) is not None:
                 messages += named_sets.find_problems(mesh, item, f"{table}.{index}")

@@ -10,6 +10,7 @@ from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.narrow_places import NO_POINTS, is_narrow, select_narrow, spread
 from pdfem_mpi.deck.loads import Force, Pressure, Traction
 from pdfem_mpi.deck.mechanical_probes import SetProbe
+from pdfem_mpi.deck.restraints import Spring
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.mesh import named_sets
@@ -94,39 +95,44 @@ class Selections:
     Attributes
     ----------
     loads : tuple of ChosenFaces, ChosenPlaces or ChosenSpots, or None where nothing could be chosen
-    supports, probes : tuple of ChosenPlaces, or None
-    problems_of_loads, problems_of_supports, problems_of_probes : tuple of tuples of str
-        Of each of them.
+    supports, probes, ties : tuple of ChosenPlaces, or None
+    springs : tuple of ChosenFaces or ChosenSpots, or None
+    problems : dict of tuples of tuples of str
+        Of each table, by the names of the fields above.
     """
 
-    loads: tuple[ChosenFaces | ChosenPlaces | ChosenSpots | None, ...]
-    supports: tuple[ChosenPlaces | None, ...]
-    problems_of_loads: tuple[tuple[str, ...], ...]
-    problems_of_supports: tuple[tuple[str, ...], ...]
+    loads: tuple[ChosenFaces | ChosenPlaces | ChosenSpots | None, ...] = ()
+    supports: tuple[ChosenPlaces | None, ...] = ()
     probes: tuple[ChosenPlaces | None, ...] = ()
-    problems_of_probes: tuple[tuple[str, ...], ...] = ()
+    springs: tuple[ChosenFaces | ChosenSpots | None, ...] = ()
+    ties: tuple[ChosenPlaces | None, ...] = ()
+    problems: dict[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
 
     def part(self, mesh: MeshPart) -> Selections:
         """The same on a part of the mesh, by the places there."""
-        loads, supports, probes = (
-            tuple(chosen and chosen.part(mesh) for chosen in kind) for kind in (self.loads, self.supports, self.probes)
-        )
-        return replace(self, loads=loads, supports=supports, probes=probes)
+        parts = {kind: tuple(chosen and chosen.part(mesh) for chosen in getattr(self, kind)) for kind in self.problems}
+        return replace(self, **parts)
 
 
 def select_places(scene: Scene, discretization: Discretization) -> Selections:
-    """Find what the loads, the supports and the probes of sets of the deck speak of."""
+    """Find what the loads, the supports, springs and ties and the probes of sets of the deck speak of."""
     names = [region.name for region in scene.regions]
-    sets = [probe if isinstance(probe, SetProbe) else None for probe in scene.probes]
-    found: dict[str, list] = {"loads": [], "supports": [], "probes": []}
-    problems: dict[str, list] = {"loads": [], "supports": [], "probes": []}
-    for kind, entries in (("loads", scene.loads), ("supports", scene.supports), ("probes", sets)):
+    entries_of = {
+        "loads": scene.loads,
+        "supports": scene.supports,
+        "probes": [probe if isinstance(probe, SetProbe) else None for probe in scene.probes],
+        "springs": [spring.pull(1.0) or spring for spring in scene.springs],
+        "ties": scene.ties,
+    }
+    found: dict[str, list] = {kind: [] for kind in entries_of}
+    problems: dict[str, list] = {kind: [] for kind in entries_of}
+    for kind, entries in entries_of.items():
         for index, entry in enumerate(entries):
             chosen, messages = None, ()
             try:
                 if isinstance(entry, Traction | Pressure):
                     chosen = _select_faces(discretization, entry, f"{kind}.{index}")
-                elif isinstance(entry, Force):
+                elif isinstance(entry, Force | Spring):
                     chosen = ChosenSpots(*spread(discretization, entry, f"{kind}.{index}"))
                 elif is_narrow(entry):
                     nodes, points = select_narrow(discretization, entry, f"{kind}.{index}")
@@ -134,15 +140,15 @@ def select_places(scene: Scene, discretization: Discretization) -> Selections:
                 elif entry is not None:
                     cells = _select_cells(discretization, entry, f"{kind}.{index}", names)
                     nodes = np.zeros(0, bool)
-                    if kind == "supports":
+                    if kind in ("supports", "ties"):
                         nodes, messages = _select_nodes(discretization, entry, f"{kind}.{index}", cells)
                     chosen = ChosenPlaces(np.flatnonzero(cells), np.flatnonzero(nodes))
             except SceneError as error:
                 messages = error.messages
             found[kind].append(chosen)
             problems[kind].append(tuple(messages))
-    chosen, wrong = ([tuple(table[kind]) for kind in found] for table in (found, problems))
-    return Selections(chosen[0], chosen[1], wrong[0], wrong[1], chosen[2], wrong[2])
+    wrong = {kind: tuple(messages) for kind, messages in problems.items()}
+    return Selections(**{kind: tuple(chosen) for kind, chosen in found.items()}, problems=wrong)
 
 
 def _select_cells(discretization: Discretization, entry, where: str, names: list[str]) -> np.ndarray:

@@ -183,6 +183,9 @@ def check(
     deck: options.DeckArgument,
     overrides: options.SetOption = None,
     ranks: Annotated[int | None, typer.Option("-n", "--ranks", min=1, help="Ranks that the run will have.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", metavar="FILE.png", help="Draw what was understood; with -n its ranks.")
+    ] = None,
 ) -> int:
     """Validate DECK as a run would, and print what was understood and what it will take."""
     comm = start_world(None)
@@ -191,12 +194,12 @@ def check(
     from pdfem_mpi.runs.checking import check_scene
 
     try:
-        sizes = check_scene(scene, comm, ranks)
+        sizes = check_scene(scene, comm, ranks, picture)
     except SceneError as error:
         raise fail([f"{deck}: {message}" for message in error.messages], comm.rank) from None
     if comm.rank == 0:
-        print_table(f"{deck}: sound", (sizes or {}).items())
-    return 0
+        print_table(f"{deck}: sound", sizes.items())
+    return EXIT_NOT_WRITTEN if sizes.get("picture", "").startswith("not drawn") else EXIT_FINISHED
 
 
 def warmup() -> int:

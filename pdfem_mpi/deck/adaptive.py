@@ -137,7 +137,8 @@ def check_auto_settings(
          "would be fitted anew at every switch", 'Use "virial"'),
         (coupling.kind != "paper", "coupling.kind", f"= {show(coupling.kind)}",
          "is wrong by per cents around a small region", 'Use "paper"'),
-        (peridynamics.kinematics != "linear", "peridynamics.kinematics", f"= {show(peridynamics.kinematics)}",
+        (peridynamics.kinematics != "linear", "peridynamics.kinematics",
+         '= "finite"' if peridynamics.kinematics else 'is "finite" where it is not given, and that',
          "has no criterion for what breaks next", 'Set it to "linear"'),
         (stepping.kind == "ramp", "stepping.kind", '= "ramp"', "has velocities, which no element knows of",
          'Use "events" or "steps"'),
@@ -183,7 +184,7 @@ def check_auto_materials(
 
 
 def check_auto_references(
-    regions: Sequence[Region], loads: Sequence[Any], supports: Sequence[Any]
+    regions: Sequence[Region], loads: Sequence[Any], supports: Sequence[Any], ties: Sequence[Any]
 ) -> list[Problem]:
     """Supported and loaded cells stay elements: a support must not take all of a region."""
     auto = {region.name for region in regions if region.model == AUTO and not region.always_elements}
@@ -193,7 +194,7 @@ def check_auto_references(
             f'= {show(entry.region)} has model = "auto": what is held or loaded stays elements, and none of it could '
             "be turned. Choose by face, box or set.",
         )
-        for table, entries in (("supports", supports), ("loads", loads))
+        for table, entries in (("supports", supports), ("loads", loads), ("ties", ties))
         for k, entry in enumerate(entries)
         if getattr(entry, "region", None) in auto and getattr(entry, "kind", None) != "body_force"
     ]

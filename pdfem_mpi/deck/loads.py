@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from pdfem_mpi.deck.displacements import Affine, Amounts, Rotation, Torsion
 from pdfem_mpi.deck.face_loads import Pressure, Traction, one_of
 from pdfem_mpi.deck.formulas import formula_problems, names_in
 from pdfem_mpi.deck.meshes import Mesh, corner_problems
@@ -15,7 +16,21 @@ from pdfem_mpi.deck.table import AXES, MOST_HINTS, Face, Problem, Table, Vector,
 
 
 class Selection(Table):
-    """Cells chosen by one of: a region, layers beneath a face of the bounding box, a named set of the file, a box."""
+    """Cells chosen by one of: a region, layers beneath a face of the bounding box, a named set of the file, a box.
+
+    Attributes
+    ----------
+    region : str or None
+        The cells of the region of this name.
+    face : "x-", "x+", "y-", "y+", "z-", "z+" or None
+        Or ``layers`` layers of cells beneath this face of the bounding box.
+    set : str or None
+        Or a named set of the mesh file: its cells, or ``layers`` layers of cells beneath its faces.
+    layers : int, >= 1
+        How many layers of cells, beneath a face or a set of faces.
+    lower, upper : three floats or None, dimension length
+        Or the cells whose centroid lies in this closed box; None sets no limit on that side.
+    """
 
     region: str | None = key(None)
     face: Face | None = key(None)
@@ -50,9 +65,6 @@ class BodyForce(Selection):
 
     Attributes
     ----------
-    region, face, set, layers, lower, upper
-        Where: a region's name; ``layers`` layers of cells beneath a face; a named set of the mesh file, its cells or
-        ``layers`` layers of cells beneath its faces; or the cells whose centroid lies in the closed box.
     density : three floats or None, dimension force / length^3
         Force per volume at load factor 1. Exactly one of density and total is given.
     total : three floats or None, dimension force
@@ -109,12 +121,33 @@ class Force(Table):
 Load = Annotated[BodyForce | Traction | Pressure | Force, Field(discriminator="kind")]
 
 
-class Support(Selection):
+class Places(Selection):
+    """Nodes and peridynamic points: those of cells, or narrower than a cell, on a line, at a point or in a box."""
+
+    of: Literal["cells", "nodes"] = key("cells")
+    point: Vector | None = key(None, dimension="length")
+    line: tuple[Vector, Vector] | None = key(None, dimension="length")
+
+    def problems(self) -> list[Problem]:
+        """One selection."""
+        problems = self._selection_problems(("region", "face", "set", "point", "line"))
+        if self.of == "nodes" and self.lower is None and self.upper is None:
+            problems.append(Problem("of", '= "nodes" goes with lower and upper. Add them, or remove it.'))
+        if self.line is not None and self.line[0] == self.line[1]:
+            problems.append(Problem("line", f"= {show(self.line)} has no length. Give two ends, or use point."))
+        return problems
+
+
+#: Keys of a support that say what all of its places do.
+MOTIONS = ("rotation", "torsion", "affine")
+
+
+class Support(Places):
     """Prescribed displacement components; deck tables ``[[supports]]``.
 
     Attributes
     ----------
-    region, face, set, layers, lower, upper
+    face, set
         Where, as for a body force. On finite elements a face or a set selects its nodes, on peridynamic cells the
         points of ``layers`` layers of cells beneath it.
     of : "cells" or "nodes"
@@ -131,34 +164,58 @@ class Support(Selection):
     x, y, z : float, formula or None, dimension length
         Prescribed components, reached at load factor 1; None (default) leaves a component free. A formula of ``x``,
         ``y`` and ``z`` (see `deck.formulas`) is taken times the load factor, unless it names that (``f``) itself.
+    rotation, torsion, affine : tables or None
+        Or what one of these says of the components.
     """
 
     name: str | None = key(None)
-    of: Literal["cells", "nodes"] = key("cells")
-    point: Vector | None = key(None, dimension="length")
-    line: tuple[Vector, Vector] | None = key(None, dimension="length")
     x: float | str | None = key(None, dimension="length")
     y: float | str | None = key(None, dimension="length")
     z: float | str | None = key(None, dimension="length")
+    rotation: Rotation | None = key(None)
+    torsion: Torsion | None = key(None)
+    affine: Affine | None = key(None)
 
     def problems(self) -> list[Problem]:
         """One selection, and something prescribed."""
-        problems = self._selection_problems(("region", "face", "set", "point", "line")) + plain_name(self.name)
-        if self.of == "nodes" and self.lower is None and self.upper is None:
-            problems.append(Problem("of", '= "nodes" goes with lower and upper. Add them, or remove it.'))
-        if self.line is not None and self.line[0] == self.line[1]:
-            problems.append(Problem("line", f"= {show(self.line)} has no length. Give two ends, or use point."))
+        problems = super().problems() + plain_name(self.name)
         for name in AXES:
             if isinstance(amount := getattr(self, name), str):
                 problems += formula_problems(name, amount)
-        if self.x is None and self.y is None and self.z is None:
-            problems.append(Problem("", "prescribes nothing. Give at least one of x, y and z."))
+        given = [name for name in (*AXES, *MOTIONS) if getattr(self, name) is not None]
+        if not given:
+            problems.append(Problem("", f"prescribes nothing. Give at least one of x, y and z, or {_or(MOTIONS)}."))
+        motions = [name for name in given if name in MOTIONS]
+        if motions and (len(motions) > 1 or set(given) & set(self.named_by(motions[0]))):
+            text = (
+                f"prescribes the same components by {' and '.join(given)}. Keep one of them, or make another support."
+            )
+            problems.append(Problem("", text))
         return problems
+
+    def named_by(self, motion: str) -> list[str]:
+        """Components that a rotation, torsion or affine displacement prescribes."""
+        return [name for name, amount in zip(AXES, getattr(self, motion).amounts, strict=True) if amount is not None]
+
+    @property
+    def amounts(self) -> Amounts:
+        """What is prescribed along x, y and z: a number, a formula, or None."""
+        for motion in (self.rotation, self.torsion, self.affine):
+            if isinstance(motion, dict):  # of a table that is wrong by itself: it prescribes something
+                return "x", "y", "z"
+            if motion is not None:
+                pairs = zip((self.x, self.y, self.z), motion.amounts, strict=True)
+                return tuple(own if other is None else other for own, other in pairs)
+        return self.x, self.y, self.z
 
     @property
     def follows_factor(self) -> bool:
         """Whether a component is a formula of the load factor."""
-        return any(isinstance(amount, str) and "f" in names_in(amount) for amount in (self.x, self.y, self.z))
+        return any(isinstance(amount, str) and "f" in names_in(amount) for amount in self.amounts)
+
+
+def _or(names: Sequence[str]) -> str:
+    return ", ".join(names[:-1]) + f" or {names[-1]}"
 
 
 def check_references(regions: Sequence[Region], loads: Sequence[Any]) -> list[Problem]:
@@ -214,9 +271,14 @@ def check_mirrored_supports(mesh: Mesh, supports: Sequence[Any]) -> list[Problem
     return [
         Problem(
             f"supports.{index}.{support.face[0]}",
-            f'= {show(getattr(support, support.face[0]))} moves the mirror plane "{support.face}" (mesh.symmetry = '
+            f'= {show(_across(support))} moves the mirror plane "{support.face}" (mesh.symmetry = '
             f"{show(mesh.symmetry)}). Remove it, or the mirror.",
         )
         for index, support in enumerate(supports)
-        if getattr(support, "face", None) in mesh.symmetry and getattr(support, support.face[0])
+        if getattr(support, "face", None) in mesh.symmetry and _across(support)
     ]
+
+
+def _across(support: Support) -> float | str | None:
+    """What a support on a face prescribes normal to it."""
+    return support.amounts[AXES.index(support.face[0])]

@@ -53,6 +53,8 @@ class PointProbe(Table):
 class SetProbe(Selection):
     """Means and extremes over a set of cells; a ``[[probes]]`` table with ``kind = "set"``.
 
+    The mean displacement is also in history.csv: ``NAME.u_x``, ``NAME.u_y`` and ``NAME.u_z``.
+
     Attributes
     ----------
     name : str
@@ -61,7 +63,7 @@ class SetProbe(Selection):
         The cells: a region's name; ``layers`` layers of cells beneath a face; a named set of the mesh file; or the
         cells whose centroid lies in the closed box.
     fields : names
-        Of the mechanical fields.
+        Of the displacement (its mean over the volume alone) and the mechanical fields.
     """
 
     kind: Literal["set"]
@@ -70,7 +72,12 @@ class SetProbe(Selection):
 
     def problems(self) -> list[Problem]:
         """One selection, and names of fields."""
-        return super().problems() + names_problems(self.fields, MECHANICAL_FIELDS)
+        return super().problems() + names_problems(self.fields, PLACE_FIELDS)
+
+    @property
+    def recovered(self) -> tuple[str, ...]:
+        """Fields that follow from strain and stress."""
+        return tuple(name for name in self.fields if name != "displacement")
 
 
 class CutProbe(Table):
@@ -112,7 +119,7 @@ class EnergyReleaseProbe(Table):
     direction : three floats, not all 0
         In the plane of the crack, normal to its front: where it would grow.
     extension : float or None, > 0, dimension length
-        None (default): the mean edge of the cells.
+        By how much the crack is longer the second time. None (default): the mean edge of the cells.
     width : float or None, > 0, dimension length
         Length of the front within the body that is modelled; None (default): the body's extent along the front.
     state : "plane_strain" or "plane_stress"

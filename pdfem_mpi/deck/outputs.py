@@ -204,11 +204,11 @@ def check_damage(output: Output, regions: Sequence[Region]) -> list[Problem]:
     return [Problem("output.fields", 'has "damage", which counts broken bonds, and no region has any. Remove it.')]
 
 
-def check_column_names(probes: Sequence[Any], supports: Sequence[Any], loads: Sequence[Any]) -> list[Problem]:
-    """Columns of history.csv are called by names of probes, supports and loads: each is there once."""
+def check_column_names(*tables: Sequence[Any]) -> list[Problem]:
+    """Columns of history.csv are called by names of probes, supports, loads, springs and ties: each is there once."""
     first: dict[str, str] = {}
     problems = []
-    for table, items in (("probes", probes), ("supports", supports), ("loads", loads)):
+    for table, items in zip(("probes", "supports", "loads", "springs", "ties"), tables, strict=True):
         for index, item in enumerate(items):
             name, where = getattr(item, "name", None), f"{table}.{index}"
             other = first.setdefault(name, where) if name is not None else where

@@ -56,25 +56,14 @@ def check_softening(
     material: Material,
     materials: dict[str, Material],
     interfaces: Sequence[Interface],
-    peridynamics: Peridynamics,
     stepping: Any,
 ) -> list[Problem]:
-    """Teeth belong to bonds that soften, and these to stiffnesses that push back where they are pressed."""
+    """Teeth belong to bonds that soften."""
     tables = (material, *materials.values(), *interfaces)
-    if not any(table.softens for table in tables):
-        if stepping.tooth_ratio is None:
-            return []
-        text = "is of bonds that soften, and none does. Give material.tensile_strength, or remove it."
-        return [Problem("stepping.tooth_ratio", f"= {show(stepping.tooth_ratio)} {text}")]
-    if peridynamics.surface_correction == "fitted" and peridynamics.signs == "free":
-        return [
-            Problem(
-                "peridynamics.signs",
-                '= "free" lets bonds push where they are stretched, and such a bond cannot soften. Use "bounded", or '
-                'surface_correction = "virial".',
-            )
-        ]
-    return []
+    if stepping.tooth_ratio is None or any(table.softens for table in tables):
+        return []
+    text = "is of bonds that soften, and none does. Give material.tensile_strength, or remove it."
+    return [Problem("stepping.tooth_ratio", f"= {show(stepping.tooth_ratio)} {text}")]
 
 
 def check_events_over_time(stepping: Any, peridynamics: Peridynamics, loads: Sequence[Any]) -> list[Problem]:
@@ -140,7 +129,7 @@ def check_something_loads(stepping: Any, loads: Sequence[Any], supports: Sequenc
         if not getattr(load, "constant", False)
         for vector in (getattr(load, "total", None), getattr(load, "density", None), getattr(load, "traction", None))
         for component in vector or (getattr(load, "pressure", None),)
-    ] + [component for support in supports for component in (support.x, support.y, support.z)]
+    ] + [component for support in supports for component in support.amounts]
     if stepping.kind == "steps" or any(amounts):
         return []
     return [

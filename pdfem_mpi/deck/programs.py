@@ -44,7 +44,7 @@ class Steps(Table):
     increments : int or None, >= 1
         Equilibria on the straight line from one time to the next; None (default): one.
     tooth_ratio : float or None, above 1 to 2, dimension 1
-        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
+        Ratio of two stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
     """
 
     kind: Literal["steps"] = key("steps")
@@ -94,15 +94,15 @@ class Ramp(Table):
     Attributes
     ----------
     increment : float, > 0, dimension 1
-        Of the load factor, an iteration.
+        Rise of the load factor at each iteration.
     end_load_factor : float, > 0, dimension 1
-        The run ends here,
+        The run ends at this load factor.
     end_reaction : float, 0 to below 1, dimension 1
-        or when the reaction has fallen below this fraction of its peak.
+        The run ends when the reaction has fallen below this fraction of its peak.
     report_every : int, >= 1
         Iterations between two rows of the history, which are frames of the fields as well.
     tooth_ratio : float or None, above 1 to 2, dimension 1
-        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
+        Ratio of two stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
     """
 
     kind: Literal["ramp"]
@@ -159,7 +159,7 @@ class Events(Table):
     report_every : int, >= 1
         Batches between two rows of the history within an avalanche.
     tooth_ratio : float or None, above 1 to 2, dimension 1
-        Of the stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
+        Ratio of two stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
     times, load_factors : floats or None, dimension 1
         A way of the load over a pseudo-time, straight from (0, 0) through these: up, down and to the other side. The
         run ends at the last; None (default): the load rises as long as it takes.

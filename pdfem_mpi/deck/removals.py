@@ -78,7 +78,7 @@ class RemovedHalfSpace(Table):
     Attributes
     ----------
     point : three floats, dimension length
-        Of the plane.
+        A point of the plane.
     normal : three floats
         Of any length but 0; what it points to is removed.
     """

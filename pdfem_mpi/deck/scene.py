@@ -32,6 +32,7 @@ from pdfem_mpi.deck.loads import (
     check_references,
     check_sets,
     check_support_references,
+    unknown_regions,
 )
 from pdfem_mpi.deck.materials import (
     BOND_POISSONS_RATIO,
@@ -78,6 +79,7 @@ from pdfem_mpi.deck.regions import (
     check_region_names,
     has_model,
 )
+from pdfem_mpi.deck.restraints import Spring, Tie
 from pdfem_mpi.deck.softening import with_defaults
 from pdfem_mpi.deck.table import FieldMissing, Problem, Table, Units, key
 from pdfem_mpi.deck.temperatures import Temperature, check_temperature
@@ -111,6 +113,8 @@ class Scene(Table):
     coupling: Coupling = Field(default_factory=Coupling)
     loads: tuple[Load, ...] = key(())
     supports: tuple[Support, ...] = key(())
+    springs: tuple[Spring, ...] = key(())
+    ties: tuple[Tie, ...] = key(())
     temperature: Temperature | None = key(None)
     solver: Solver = Field(default_factory=Solver)
     stepping: Stepping = Field(default_factory=Steps)
@@ -184,7 +188,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("mesh", "peridynamics", "regions"), check_cutoff),
     (("cracks", "regions"), check_cracks),
     (("material", "materials", "interfaces", "regions", "stepping"), check_failure),
-    (("material", "materials", "interfaces", "peridynamics", "stepping"), check_softening),
+    (("material", "materials", "interfaces", "stepping"), check_softening),
     (("stepping", "solver"), check_stepping_solver),
     (("stepping", "peridynamics", "loads"), check_events_over_time),
     (("stepping", "probes"), check_opening),
@@ -193,14 +197,17 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("output", "regions"), check_damage),
     (("regions",), check_region_names),
     (("probes",), check_probe_names),
-    (("probes", "supports", "loads"), check_column_names),
+    (("probes", "supports", "loads", "springs", "ties"), check_column_names),
     (("regions", "loads"), check_references),
     (("regions", "supports"), check_support_references),
+    (("regions", "ties"), functools.partial(unknown_regions, "ties")),
     (("mesh", "regions", "material", "materials", "interfaces", "peridynamics", "coupling"), check_fitted),
     (("regions", "material", "materials", "interfaces", "peridynamics"), check_volumetric),
     (("mesh", "regions"), functools.partial(check_sets, "regions")),
     (("mesh", "loads"), functools.partial(check_sets, "loads")),
     (("mesh", "supports"), functools.partial(check_sets, "supports")),
+    (("mesh", "springs"), functools.partial(check_sets, "springs")),
+    (("mesh", "ties"), functools.partial(check_sets, "ties")),
     (("mesh", "loads"), check_mirrored_loads),
     (("mesh", "supports"), check_mirrored_supports),
     (("mesh", "probes"), check_mirrored_bars),
@@ -211,7 +218,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("regions", "adaptive"), check_auto_regions),
     (("regions", "peridynamics", "coupling", "mesh", "stepping", "solver", "temperature"), check_auto_settings),
     (("regions", "material", "materials", "interfaces"), check_auto_materials),
-    (("regions", "loads", "supports"), check_auto_references),
+    (("regions", "loads", "supports", "ties"), check_auto_references),
 )
 
 

@@ -29,7 +29,7 @@ class Temperature(Table):
     scale : float, > 0
         Multiplies the file's coordinates, as ``mesh.scale``.
     reference : float, dimension temperature
-        At which nothing is strained; subtracted from the file's numbers.
+        Temperature at which nothing is strained; subtracted from the file's numbers.
     """
 
     change: float | None = key(None, dimension="temperature")

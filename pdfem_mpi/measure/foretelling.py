@@ -63,7 +63,7 @@ class Foretelling:
         self._centres = 0.5 * (x.min(axis=1) + x.max(axis=1))
         radius = np.sqrt(((x - self._centres[:, None]) ** 2).sum(axis=2).max(axis=1))
         self._reach = share.cutoff + 2.0 * float(largest(share.comm, np.array([radius.max(initial=0.0)]))[0])
-        self._asked = (share.found.can_turn & ~share.found.is_turned)[self.cells]
+        self._asked = ~share.found.is_turned[self.cells]
 
     def place(self, u: np.ndarray) -> np.ndarray:
         """Displacements of the eight points of each of the rank's cells, shape (n_owned, 8, 3). Collective.
@@ -84,7 +84,7 @@ class Foretelling:
         return S[: 2 * points.n_owned, 0:3].reshape(-1, 2, 3, W).swapaxes(2, 3).reshape(-1, 8, 3)
 
     def ratios(self, u: np.ndarray, threshold: float) -> np.ndarray:
-        """Largest foretold stretch over the critical one, of the rank's cells that could be turned and are not.
+        """Largest foretold stretch over the critical one, of the rank's cells that are not turned.
 
         Parameters
         ----------

@@ -62,8 +62,8 @@ class ProbeReader:
             return find_places(self.share, self._geometry, positions)
         if isinstance(probe, SetProbe):
             selections = self.share.selections
-            if selections.problems_of_probes[index]:
-                raise SceneError(selections.problems_of_probes[index])
+            if selections.problems["probes"][index]:
+                raise SceneError(selections.problems["probes"][index])
             return self.share.mesh.cell_id[selections.probes[index].cells]
         if isinstance(probe, CutProbe):
             return self._cut(probe, f"probes.{index}")
@@ -100,7 +100,7 @@ class ProbeReader:
                 total[3:] *= units.length
                 found[probe.name] = {"force": _known(total[:3]), "moment": _known(total[3:])}
             elif isinstance(probe, SetProbe):
-                found[probe.name] = over_cells(recovered, place, probe.fields)
+                found[probe.name] = over_cells(recovered, place, probe.recovered) if probe.recovered else {}
             else:
                 values = mechanics_at(place, recovered)
                 if values is not None:

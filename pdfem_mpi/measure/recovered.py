@@ -9,6 +9,7 @@ import numpy as np
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.measure.stresses import Mechanics, mechanics_of_bonds, mechanics_of_elements
 from pdfem_mpi.model.forces import Forces
+from pdfem_mpi.model.restraints import internal_forces
 from pdfem_mpi.model.thermal import Thermal
 
 
@@ -38,7 +39,7 @@ class Recovered:
 
     def internal(self, u: np.ndarray) -> np.ndarray:
         """Internal forces at the displacements ``u`` of that evaluation, both of shape (n_unknowns,). Collective."""
-        before, force = self.forces.evaluations, np.empty_like(u)
-        self.forces.evaluate_surely(u, np.zeros_like(u), force)
+        before = self.forces.evaluations
+        force = internal_forces(self.forces, u)
         self.forces.evaluations = before
         return force if self.thermal is None else force + self.thermal.forces

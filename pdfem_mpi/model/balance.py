@@ -19,6 +19,8 @@ from pdfem_mpi.parallel.sums import exact_dots
 
 #: Loads work on a free motion when this fraction of their absolute work is left over.
 BALANCE_TOLERANCE = 1e-9
+#: Forces and moments below this part of the largest, in model units, are told as 0.
+ROUND_OFF = 1e-12
 
 
 def find_unbalanced(
@@ -61,6 +63,7 @@ def _unbalanced_body(model: Model, free: np.ndarray, external: np.ndarray) -> li
 def _show(model: Model, resultants: np.ndarray) -> tuple[str, str]:
     """A force and a moment, shape (6,), in the deck's units."""
     units = model.units
+    resultants = np.where(np.abs(resultants) < ROUND_OFF * np.abs(resultants).max(), 0.0, resultants)
     force, moment = resultants[:3] * units.force, resultants[3:] * units.force * units.length
     return ", ".join(f"{f:.6g}" for f in force), ", ".join(f"{m:.6g}" for m in moment)
 

@@ -12,7 +12,7 @@ from pdfem_mpi.peridynamics.failure import RECORDS, Failure
 from pdfem_mpi.peridynamics.softening_failure import SofteningFailure
 
 #: Fitted bonds up to this fraction of the mean edge of the cells with bonds set no load: where strains vary, the
-#: distance of the nearest points reads up to a third too much (docs/failure_criterion.md).
+#: distance of the nearest points reads up to a third too much (docs/failure.md).
 TOO_NEAR = 0.5
 
 

@@ -21,6 +21,7 @@ from pdfem_mpi.kernels.rounding import pattern_for
 from pdfem_mpi.model.bounds import COARSE, LARGEST, Bounds, power_above
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.not_finite import NotFinite, describe_not_finite
+from pdfem_mpi.model.restraints import energy_of_springs, restrain
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.bond_forces import BondForces
 from pdfem_mpi.peridynamics.failure import Failure
@@ -37,6 +38,8 @@ class Forces:
     bounds : Bounds
     tangent : bool
         Evaluate the tangent of finite kinematics, at the displacements given to `linearise`.
+    restrained : bool
+        With the forces of springs, and the mean over places that are tied.
     evaluations : int
         Sweeps over the bonds and elements so far.
     swept : set of str
@@ -53,6 +56,7 @@ class Forces:
     model: Model
     bounds: Bounds = field(default_factory=Bounds)
     tangent: bool = False
+    restrained: bool = True
     evaluations: int = 0
     swept: set[str] = field(default_factory=set)
     met: np.ndarray = field(default_factory=lambda: np.zeros(2))
@@ -93,7 +97,7 @@ class Forces:
     ) -> None:
         """Compute ``force = external - internal(u)``. Collective.
 
-        The result counts only if `check_bounds` of all ranks' `flags` says so; else evaluate again.
+        It counts only if `check_bounds` of all ranks' `flags` says so; else evaluate again.
 
         Parameters
         ----------
@@ -101,8 +105,7 @@ class Forces:
         external, force : float64, shape (n_unknowns,), dimension force
             ``force`` is overwritten.
         failure : Failure, optional
-            Bonds beyond their critical stretch break (4), are booked there, and give no force. They are broken also
-            where the result does not count.
+            Bonds beyond their critical stretch break (4), are booked, and give no force: also where it does not count.
         margin : float
             They break this fraction below it.
         """
@@ -143,6 +146,7 @@ class Forces:
             if len(model.rollers):
                 force[model.rollers] = 0.0  # the body's mirror image answers
             clock.lap("other")
+        restrain(self, u, force)
 
     def _sweep_bonds(self, failure: Failure | None, margin: float, clock: _Clock) -> None:
         """Sweep the bonds while displacements arrive, and send the forces on ghosts."""
@@ -212,7 +216,7 @@ class Forces:
             enough = counts and before[0] <= COARSE * bounds.bond and before[1] <= COARSE * bounds.element
 
     def stored_energy(self, u: np.ndarray) -> float:
-        """Strain energy of all bonds and elements at ``u``, dimension force length, an exact sum. Collective.
+        """Strain energy of all bonds, elements and springs at ``u``, dimension force length. Collective.
 
         ``u`` are the displacements of the last evaluation, whose table the bonds are read from.
         """
@@ -223,7 +227,7 @@ class Forces:
             self.of_nodes.add_energy(self.model.unknowns.of_nodes(u), self.bounds.element, self.met, digits[1])
         self.evaluations += 1
         bonds, elements = (value(row) for row in sum_integers(self.model.comm, digits))
-        return bonds - 0.5 * elements
+        return bonds - 0.5 * elements + energy_of_springs(self.model, u)
 
     def largest_ratio(self, failure: Failure, most: float = math.inf) -> float:
         """`Failure.largest_ratio` at the displacements of the last evaluation. Collective."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from pdfem_mpi.body.locating import Weights
 from pdfem_mpi.body.share import Share
+from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS, gauss_volumes
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.clusters import cluster_layout
@@ -45,6 +46,33 @@ def gauge_of(share: Share, model: Model, weights: Weights) -> Gauge:
         np.add.at(unknowns.of_nodes(total), place, weights.of_nodes[here])
     index = np.flatnonzero(total)
     return Gauge(index, total[index])
+
+
+def means_over(share: Share, model: Model, cells: np.ndarray) -> tuple[Gauge, Gauge, Gauge]:
+    """Means of the displacements along x, y and z over the volume of chosen cells. Collective.
+
+    Parameters
+    ----------
+    cells : int64
+        Cells of the share, rising.
+    """
+    mesh, unknowns, subdomain = share.mesh, model.unknowns, share.subdomain
+    volumes = gauss_volumes(share.nodes[mesh.cells[cells]])
+    (whole,) = share.exact_sums([volumes[share.is_owned[cells]].reshape(-1)]).tolist()
+    on_nodes, on_points = np.zeros(len(share.nodes)), np.zeros((len(mesh.cells), 8))
+    by_nodes = share.has_nodes[cells]
+    for p in range(8):
+        terms = volumes[by_nodes, p, None] * SHAPE_AT_GAUSS[p] / whole
+        np.add.at(on_nodes, mesh.cells[cells[by_nodes]], terms)
+    on_points[cells[~by_nodes]] = volumes[~by_nodes] / whole
+    total = np.zeros(unknowns.size)
+    if model.points:
+        unknowns.of_points(total)[:] = cluster_layout(np.repeat(on_points[subdomain.free][:, :, None], 3, axis=2))
+    if model.nodes:
+        unknowns.of_nodes(total)[:] = on_nodes[subdomain.owned_nodes, None]
+    along = unknowns.components()
+    places = [np.flatnonzero((along == d) & (total != 0.0)) for d in range(3)]
+    return tuple(Gauge(place, total[place]) for place in places)
 
 
 def _places(own: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -21,6 +21,7 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import combine, free_motions, rigid_gram, rigid_modes
 from pdfem_mpi.model.one_way import one_way
 from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsupported
+from pdfem_mpi.model.restraints import problems_of_restraints, tie
 from pdfem_mpi.model.supports import Following, prescribe
 from pdfem_mpi.model.thermal import Thermal, make_thermal
 from pdfem_mpi.model.tractions import traction_forces
@@ -43,6 +44,8 @@ class LoadCase:
         Share of the body's volume that each unknown stands for, where some motion is free.
     free_motions : float64, shape (n_modes, 6)
         Rigid motions that no support and no mirror plane holds, as combinations of `rigid_modes`.
+    untied_motions : float64, shape (n_more_modes, 6)
+        The same without ties.
     rigid_gram : float64, shape (6, 6)
         Products of the rigid modes over the body's volume; empty where no motion is free.
     parts : Parts
@@ -77,6 +80,7 @@ class LoadCase:
     prescribed: np.ndarray
     volume: np.ndarray | None
     free_motions: np.ndarray
+    untied_motions: np.ndarray
     rigid_gram: np.ndarray
     parts: Parts
     unsupported: tuple[UnsupportedPart, ...]
@@ -124,10 +128,11 @@ def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
     external = _forces(scene, share, model, messages, constant=False)
     constant = _forces(scene, share, model, messages, constant=True) if any(x.constant for x in scene.loads) else None
     prescription = prescribe(scene, share, model, messages)
+    fixed = ~np.isnan(prescription.amounts)
+    messages += problems_of_restraints(share, model, fixed)
     if messages:
         raise SceneError(messages)
 
-    fixed = ~np.isnan(prescription.amounts)
     prescribed = np.zeros(model.n_unknowns)
     prescribed[fixed] = prescription.amounts[fixed]
     held = tuple(
@@ -148,6 +153,7 @@ def make_load_case(scene: Scene, share: Share, model: Model) -> LoadCase:
         prescribed=prescribed,
         volume=volume,
         free_motions=free,
+        untied_motions=free_motions(model, fixed, tied=False) if model.ties else free,
         rigid_gram=rigid_gram(model, volume) if len(free) else np.empty((0, 0)),
         parts=parts,
         unsupported=unsupported,
@@ -172,7 +178,8 @@ def _with_thermal(scene: Scene, share: Share, model: Model, case: LoadCase) -> L
     thermal = make_thermal(scene, share, model)
     if thermal is None:
         return case
-    return replace(case, external=case.external + np.where(case.fixed, 0.0, thermal.forces), thermal=thermal)
+    external = tie(model, case.external + np.where(case.fixed, 0.0, thermal.forces))
+    return replace(case, external=external, thermal=thermal)
 
 
 def _forces(scene: Scene, share: Share, model: Model, messages: list[str], constant: bool) -> np.ndarray:
@@ -182,7 +189,7 @@ def _forces(scene: Scene, share: Share, model: Model, messages: list[str], const
     on_free_points = point_forces(share, model, on_cells)
     if model.points and on_points.any():
         on_free_points += cluster_layout(on_points[share.subdomain.free])
-    return _join(share, model, on_free_points, on_nodes)
+    return tie(model, _join(share, model, on_free_points, on_nodes))
 
 
 def _controlled(scene: Scene, share: Share, model: Model) -> Gauge | None:
@@ -207,7 +214,7 @@ def _sum_loads(scene: Scene, share: Share, messages: list[str], constant: bool):
     for index, (load, chosen) in enumerate(zip(scene.loads, selections.loads, strict=True)):
         if load.constant != constant:
             continue
-        messages += selections.problems_of_loads[index]
+        messages += selections.problems["loads"][index]
         if chosen is None:
             continue
         try:
@@ -275,6 +282,7 @@ def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
     work = exact_dots(model.comm, ((weighted, mode) for mode in rigid_modes(model)))
     motions = case.free_motions
     u -= combine(model, np.linalg.solve(motions @ case.rigid_gram @ motions.T, motions @ work) @ motions)
+    tie(model, u)
 
 
 def _join(share: Share, model: Model, on_points: np.ndarray, on_nodes: np.ndarray) -> np.ndarray:

@@ -17,6 +17,8 @@ from pdfem_mpi.finite_elements.nodes import Nodes, local_nodes, make_nodes
 from pdfem_mpi.finite_elements.overlap_cells import Overlap
 from pdfem_mpi.mesh.mirrors import Mirrors
 from pdfem_mpi.model.masses import make_masses
+from pdfem_mpi.model.springs import Springs, make_springs
+from pdfem_mpi.model.ties import Ties, make_ties
 from pdfem_mpi.model.unknowns import Unknowns
 from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.cracks import cut_crack, cut_faces
@@ -67,6 +69,10 @@ class Model:
     most_uneven : float64, shape (3,), dimension length, or None
         Where the response of the corrected bonds differs most from that inside of a body, if the correction did not
         converge.
+    springs : Springs or None
+        Between the body and the ground.
+    ties : Ties or None
+        Unknowns that are equal.
     """
 
     comm: Intracomm
@@ -87,6 +93,8 @@ class Model:
     raised_masses: int = 0
     own_energy: np.ndarray | None = None
     most_uneven: np.ndarray | None = None
+    springs: Springs | None = None
+    ties: Ties | None = None
 
     @property
     def finite(self) -> bool:
@@ -101,7 +109,7 @@ class Model:
     @cached_property
     def unknowns(self) -> Unknowns:
         """The order of a vector over this rank's unknowns."""
-        return Unknowns(8 * self.points.n_free if self.points else 0, self.nodes.n_owned if self.nodes else 0)
+        return _unknowns_of(self.points, self.nodes)
 
     @property
     def n_unknowns(self) -> int:
@@ -133,8 +141,7 @@ def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, .
     """
     subdomain, counts = share.subdomain, share.counts
     points = bonds = nodes = elements = overlap = body_fit = None
-    remaining, cut, intact_weights, own_energy = 0.0, [], None, None
-    most_uneven = None
+    remaining, cut, intact_weights, own_energy, most_uneven = 0.0, [], None, None, None
     if counts.point_cells:
         points = make_points(share, comm)
         bonds, remaining, body_fit = bonds_of_scene(scene, share, comm, points, fits)
@@ -155,6 +162,8 @@ def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, .
     if counts.overlap_cells:
         overlap = Overlap(local[share.mesh.cells[subdomain.overlap]])
     mass, raised = make_masses(comm, points, bonds, nodes, elements, overlap, relaxes(scene))
+    order = _unknowns_of(points, nodes)
+    springs, ties = make_springs(scene, share, order), make_ties(scene, share, order)
     return Model(
         comm=comm,
         units=share.units,
@@ -164,7 +173,7 @@ def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, .
         nodes=nodes,
         elements=elements,
         overlap=overlap,
-        mass=mass,
+        mass=_restrained(comm, mass, springs, ties),
         correction_remaining=remaining,
         most_uneven=most_uneven,
         body_fit=body_fit,
@@ -174,7 +183,22 @@ def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, .
         intact_weights=intact_weights,
         raised_masses=raised,
         own_energy=own_energy,
+        springs=springs,
+        ties=ties,
     )
+
+
+def _unknowns_of(points: Points | None, nodes: Nodes | None) -> Unknowns:
+    return Unknowns(8 * points.n_free if points else 0, nodes.n_owned if nodes else 0)
+
+
+def _restrained(comm, mass: np.ndarray, springs: Springs | None, ties: Ties | None) -> np.ndarray:
+    """Masses that bound springs too, and are one for places that move as one. Collective."""
+    if springs:
+        mass[springs.index] += springs.stiffness
+    if ties:
+        ties.raise_to_largest(comm, mass)
+    return mass
 
 
 def with_stable_masses(model: Model) -> Model:
@@ -186,7 +210,7 @@ def with_stable_masses(model: Model) -> Model:
     parts = model.points, model.bonds, model.nodes, model.elements, model.overlap
     with in_their_rows(model.bonds):
         mass, raised = make_masses(model.comm, *parts, True)
-    return replace(model, mass=mass, raised_masses=raised)
+    return replace(model, mass=_restrained(model.comm, mass, model.springs, model.ties), raised_masses=raised)
 
 
 def build_intact_elements(share: Share, model: Model) -> Model:
@@ -208,6 +232,8 @@ def build_intact_elements(share: Share, model: Model) -> Model:
         mass=np.zeros(3 * nodes.n_owned),
         rollers=_rollers(intact, None, nodes),
         intact_weights=None,
+        springs=model.springs and model.springs.on_nodes(intact.subdomain.owned_nodes, len(share.nodes)),
+        ties=None,
     )
 
 

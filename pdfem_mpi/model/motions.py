@@ -78,12 +78,21 @@ def rigid_modes(model: Model, u: np.ndarray | None = None) -> Iterator[np.ndarra
         yield mode
 
 
-def free_motions(model: Model, fixed: np.ndarray) -> np.ndarray:
-    """Combinations of the rigid modes that move neither fixed unknowns nor mirror planes, (n_modes, 6). Collective."""
-    kept = model.mirrors.kept_motions
-    if not sum_integers(model.comm, np.array([np.count_nonzero(fixed)]))[0]:
+def free_motions(model: Model, fixed: np.ndarray, tied: bool = True) -> np.ndarray:
+    """Combinations of the rigid modes that move neither fixed unknowns nor mirror planes, (n_modes, 6). Collective.
+
+    Nor do they move springs or, unless ``tied`` is False, one place of a tie against another.
+    """
+    kept, ties = model.mirrors.kept_motions, model.ties if tied else None
+    held = fixed.copy()
+    if model.springs:
+        held[model.springs.index] = True
+    if not sum_integers(model.comm, np.array([np.count_nonzero(held) + (len(ties.index) if ties else 0)]))[0]:
         return np.eye(6)[kept]
-    on_supports = [mode[fixed] for mode in rigid_modes(model)]
+    on_supports = [mode[held] for mode in rigid_modes(model)]
+    if ties:
+        apart = ties.apart(model.comm, rigid_modes(model))
+        on_supports = [np.concatenate(pair) for pair in zip(on_supports, apart, strict=True)]
     whole = exact_dots(model.comm, ((mode, mode) for mode in rigid_modes(model)))
     scale = 1.0 / np.sqrt(np.maximum(whole, 1e-300))
     pairs = ((a, b) for i, a in enumerate(on_supports) for b in on_supports[: i + 1])

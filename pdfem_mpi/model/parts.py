@@ -20,6 +20,7 @@ from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.kernels.union_find import join_rows, spread_smallest
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import PAIRS, left_free, modes_at, motion_names
+from pdfem_mpi.model.restraints import soft_unknowns
 from pdfem_mpi.parallel.comm import distinct, largest, sum_integers
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.images import SCALAR, halo_for
@@ -115,13 +116,13 @@ def find_parts(model: Model) -> Parts:
 
 
 def find_unsupported(model: Model, parts: Parts, fixed: np.ndarray) -> tuple[UnsupportedPart, ...]:
-    """Parts that supports do not hold, with the motions left to them. Collective.
+    """Parts that supports, springs and ties do not hold, with the motions left to them. Collective.
 
     Parameters
     ----------
     fixed : bool, shape (n_unknowns,)
     """
-    x, held = positions(model), model.unknowns.rows(fixed)
+    x, held = positions(model), model.unknowns.rows(fixed | soft_unknowns(model))
     ones = np.ones(len(x), bool)
     sums = sum_over_parts(model.comm, parts, ones, np.column_stack([np.ones(len(x)), x]))
     number, centre = sums[:, :1], sums[:, 1:] / sums[:, :1]

@@ -10,15 +10,16 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.hex8 import gauss_volumes
 from pdfem_mpi.model.body_forces import density
 from pdfem_mpi.model.tractions import traction_forces
+from pdfem_mpi.parallel.sums import exact_dots
 
 
 def resultant_of(scene: Scene, share: Share, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The force of one load of the deck on this rank's cells and nodes; `loads.make_load_case` has checked it.
+    """The force of one load of the deck, and where it is; `loads.make_load_case` has checked it. Collective.
 
     Returns
     -------
     float64, shape (3,), dimension force
-        Model units.
+        Of all ranks, each component rounded once; model units.
     bool, shapes (n_cells,) and (n_nodes,)
         This rank's cells with a force per volume or on their points, and its nodes with a force.
     """
@@ -37,6 +38,18 @@ def resultant_of(scene: Scene, share: Share, index: int) -> tuple[np.ndarray, np
     own_nodes[share.subdomain.owned_nodes] = True
     cells = np.flatnonzero(on_cells.any(axis=1) & share.is_owned)
     volumes = gauss_volumes(share.nodes[share.mesh.cells[cells]]).sum(axis=1)
-    total = volumes @ on_cells[cells] + on_nodes[own_nodes].sum(axis=0) + on_points[share.is_owned].sum(axis=(0, 1))
+    of_cells, ones = on_cells[cells], np.ones(np.count_nonzero(own_nodes))
+    of_points = on_points[share.is_owned].reshape(-1, 3)
+    total = [
+        exact_dots(
+            share.comm,
+            [
+                (volumes, of_cells[:, d]),
+                (ones, on_nodes[own_nodes, d]),
+                (np.ones(len(of_points)), of_points[:, d]),
+            ],
+        ).sum()
+        for d in range(3)
+    ]
     has_force = (on_cells.any(axis=1) | on_points.any(axis=(1, 2))) & share.is_owned
-    return total, has_force, on_nodes.any(axis=1) & own_nodes
+    return np.array(total), has_force, on_nodes.any(axis=1) & own_nodes

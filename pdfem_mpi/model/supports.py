@@ -11,6 +11,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import AXES, show
 from pdfem_mpi.model.formula_values import evaluate
 from pdfem_mpi.model.model import Model
+from pdfem_mpi.model.own_places import OwnPlaces
 from pdfem_mpi.model.parts import positions
 from pdfem_mpi.parallel.comm import largest, sum_integers
 
@@ -63,23 +64,23 @@ class Prescription:
 def prescribe(scene: Scene, share: Share, model: Model, messages: list[str]) -> Prescription:
     """Prescribed displacements of this rank's unknowns; ``messages`` get what is wrong. Collective."""
     found = Prescription(np.full(model.n_unknowns, np.nan), np.full(model.n_unknowns, np.nan), (), ())
-    places = _Places(share, model)
+    places = OwnPlaces(share, model.unknowns)
     mirrored = np.zeros(model.n_unknowns, bool)
     mirrored[model.rollers] = True
     following: list[Following] = []
     reach: list[float] = []
     for index, (support, chosen) in enumerate(zip(scene.supports, share.selections.supports, strict=True)):
         where = f"supports.{index}"
-        messages += share.selections.problems_of_supports[index]
+        messages += share.selections.problems["supports"][index]
         sizes = [0.0]
-        for d, amount in enumerate((support.x, support.y, support.z) if chosen else ()):
+        for d, amount in enumerate(support.amounts if chosen else ()):
             if amount is None:
                 continue
             of_points, of_nodes = (rows[:, d] for rows in places.unknowns(chosen))
             unknowns = np.concatenate([of_points, of_nodes])
             units = share.units
             if isinstance(amount, str):
-                x = places.positions(chosen)
+                x = _positions(model, places, chosen)
                 values = _of_formula(amount, x, 1.0)
                 messages += _not_finite(share, f"{where}.{AXES[d]}", amount, x, values)
                 values = units.numbers(values / units.length)
@@ -102,49 +103,9 @@ def prescribe(scene: Scene, share: Share, model: Model, messages: list[str]) -> 
     return Prescription(found.amounts, found.holders, tuple(following), tuple(reach))
 
 
-class _Places:
-    """Unknowns and positions of the chosen points and nodes that this rank owns: points first."""
-
-    def __init__(self, share: Share, model: Model):
-        self.share, self.model = share, model
-        self.free = _inverse(share.subdomain.free, len(share.mesh.cells))
-        self.owned = _inverse(share.subdomain.owned_nodes, len(share.nodes))
-        self.table = model.unknowns.rows(np.arange(model.n_unknowns)).astype(np.int64) if model.n_unknowns else None
-
-    def rows(self, chosen) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of points and of nodes, in the order of `Unknowns.rows`."""
-        cells = self.free[chosen.cells]
-        whole = 8 * cells[cells >= 0][:, None] + np.arange(8)
-        cell = self.free[chosen.points[:, 0]]
-        single = 8 * cell[cell >= 0] + chosen.points[cell >= 0, 1]
-        nodes = self.owned[chosen.nodes] if self.model.nodes else np.empty(0, np.int64)
-        return np.concatenate([whole.reshape(-1), single]), self.model.unknowns.n_points + nodes[nodes >= 0]
-
-    def unknowns(self, chosen) -> tuple[np.ndarray, np.ndarray]:
-        """Unknowns of points and of nodes, shape (n, 3) each."""
-        none = np.empty((0, 3), np.int64)
-        return tuple(none if self.table is None else self.table[rows] for rows in self.rows(chosen))
-
-    def positions(self, chosen) -> np.ndarray:
-        """Where they are, the deck's units, shape (n, 3)."""
-        units = self.share.units
-        return positions(self.model)[np.concatenate(self.rows(chosen))] * units.length + units.origin
-
-    def cells_of(self, chosen) -> np.ndarray:
-        """Number of each point's cell in the mesh."""
-        return self.share.mesh.cell_id[self.share.subdomain.free[self.rows(chosen)[0] // 8]]
-
-    def nodes_of(self, chosen) -> np.ndarray:
-        """Number of each node in the mesh."""
-        rows = self.rows(chosen)[1] - self.model.unknowns.n_points
-        return self.share.mesh.node_id[self.share.subdomain.owned_nodes[rows]]
-
-
-def _inverse(places: np.ndarray, n: int) -> np.ndarray:
-    """Where each of n things stands in a list, -1 where it does not."""
-    inverse = np.full(n, -1)
-    inverse[places] = np.arange(len(places))
-    return inverse
+def _positions(model: Model, places: OwnPlaces, chosen) -> np.ndarray:
+    """Where chosen points and nodes are, the deck's units, shape (n, 3)."""
+    return positions(model)[np.concatenate(places.rows(chosen))] * model.units.length + model.units.origin
 
 
 def _of_formula(text: str, x: np.ndarray, load_factor: float) -> np.ndarray:

@@ -29,6 +29,8 @@ ENERGIES = (
     ("dissipated_energy", "in broken bonds", "#D55E00"),
     ("released_energy", "released by relaxation", "#009E73"),
 )
+#: A run without failure needs so many rows for a line between them.
+FEWEST_ROWS = 2
 STAGES = 4
 _LAYOUTS = {1: (1, 1), 2: (1, 2)}
 #: A face that shows less than this share of the largest damage hides a crack.
@@ -57,12 +59,14 @@ def draw_failure(
     Returns
     -------
     list of Path
-        The figures drawn: ``reaction.png``, ``energies.png``, ``damage.png``, ``damage.gif``.
+        The figures drawn: ``reaction.png``, ``energies.png``, ``damage.png``, ``damage.gif``; of a run without
+        failure the first, if it has several rows.
     """
     folder = Path(folder)
     history = read_history(folder / "history.csv")
     drawn: list[Path] = []
-    if not len(history.get("broken_bonds", ())):
+    fails = bool(len(history.get("broken_bonds", ())))
+    if not fails and len(history.get("reaction", ())) < FEWEST_ROWS:
         return drawn
     (folder / "figures").mkdir(exist_ok=True)
     written = Written(folder)
@@ -73,6 +77,8 @@ def draw_failure(
         drawn.extend(attempt(lambda: how(path, *arguments), path, warn))
 
     draw("reaction.png", _draw_reaction, history, title, length, force)
+    if not fails:
+        return drawn
     draw("energies.png", _draw_energies, history, title, length, force)
     points = folder / "points.vtkhdf"
     if points.exists() and vtkhdf.frames(points) and "damage" in vtkhdf.frame_fields(points):
@@ -110,16 +116,18 @@ def _draw_reaction(path: Path, history: dict, title: str, length: str, force: st
             if chosen.any():
                 axes.plot(u[chosen], reaction[chosen], marker, color=color, markersize=4, label=label, linestyle="none")
         peak = int(np.argmax(np.where(stable, reaction, -np.inf) if stable.any() else reaction))
-        axes.annotate(
-            f"peak {reaction[peak]:.5g}{' ' + as_it_is(force) if force else ''}",
-            (u[peak], reaction[peak]),
-            textcoords="offset points",
-            xytext=(-12, 6),
-            ha="right",
-        )
+        if peak < len(reaction) - 1:  # else it may go on rising
+            axes.annotate(
+                f"peak {reaction[peak]:.5g}{' ' + as_it_is(force) if force else ''}",
+                (u[peak], reaction[peak]),
+                textcoords="offset points",
+                xytext=(-12, 6),
+                ha="right",
+            )
         axes.set_xlabel(f"displacement{_unit(length)}")
         axes.set_ylabel(f"reaction{_unit(force)}")
-        axes.set_xlim(left=0.0)
+        if u.min(initial=0.0) >= 0.0:  # a cycle may pass 0
+            axes.set_xlim(left=0.0)
         axes.set_ylim(bottom=0.0)
         axes.ticklabel_format(axis="x", scilimits=(-2, 4), useMathText=True)
         figure.legend(loc="outside lower center", **LEGEND)

@@ -98,7 +98,7 @@ def draw_body(path: Path, body: Body, view: View, title: str = "", unit: str = "
     with replacing(path) as temporary:
         plotter = pyvista.Plotter(off_screen=True, window_size=SIZE)
         caption = _fill(pyvista, plotter, body, view, section, _limits(body, view, [view.frame]), title, unit)
-        _shot(plotter, temporary)
+        shot(plotter, temporary)
         plotter.close()
     return caption
 
@@ -202,11 +202,11 @@ def _fill(pyvista, plotter, body: Body, view: View, section: Section | None, lim
         show_edges=grid.n_cells < 20_000,
         edge_color="#707070",
         line_width=0.5,
-        ambient=0.55,  # colours are read off the scale: faces in the shade stay near theirs
-        diffuse=0.45,
+        ambient=0.8,  # colours are read off the scale: faces in the shade stay near theirs
+        diffuse=0.25,
         scalar_bar_args={
-            "title": label, "color": "black", "n_labels": 5, "fmt": "%.3g", "position_x": 0.2, "position_y": 0.02,
-            "width": 0.6, "height": 0.08, "title_font_size": 18, "label_font_size": 16,
+            "title": f"{label}\n", "color": "black", "n_labels": 5, "fmt": "%.3g", "position_x": 0.2,
+            "position_y": 0.02, "width": 0.6, "height": 0.08, "title_font_size": 18, "label_font_size": 16,
         },
     )  # fmt: skip
     words = _words(body, view, section, unit)
@@ -231,10 +231,10 @@ def _grid(pyvista, body: Body, view: View, section: Section | None):
             else (centres <= section.place + grain)
         )
         corners, values = corners[kept], values[kept]
-    return _outside(pyvista, corners, values)
+    return outside(pyvista, corners, values)
 
 
-def _outside(pyvista, corners: np.ndarray, values: np.ndarray):
+def outside(pyvista, corners: np.ndarray, values: np.ndarray):
     """The faces that are seen: corners at one place are joined, so that faces between two cells vanish."""
     from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
@@ -265,6 +265,6 @@ def _words(body: Body, view: View, section: Section | None, unit: str) -> str:
     return ", ".join(words)
 
 
-def _shot(plotter, path: Path) -> None:
+def shot(plotter, path: Path) -> None:
     """Write a PNG whatever the suffix of the file is."""
     Image.fromarray(plotter.screenshot(None, return_img=True)).save(path, format="PNG")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from pdfem_mpi.body.counts import too_many_ranks
@@ -10,20 +12,24 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.fit.fit import EXPECTED_SWEEPS, SWEEP_RATE
+from pdfem_mpi.results.whole_body import NoPicture
 from pdfem_mpi.runs.memory_estimate import show_bytes
 from pdfem_mpi.runs.memory_report import features_of
 from pdfem_mpi.runs.prepare import count_sizes, describe_mirrors, prepare, warm_up
+from pdfem_mpi.runs.sketching import draw_scene
 from pdfem_mpi.runs.softening_notes import describe_softening, softening_of, softening_warnings
-from pdfem_mpi.runs.understanding import describe, understand
+from pdfem_mpi.runs.understanding import Understood, describe, understand
 
 
-def check_scene(scene: Scene, comm, ranks: int | None = None) -> dict[str, str]:
+def check_scene(scene: Scene, comm, ranks: int | None = None, picture: Path | None = None) -> dict[str, str]:
     """What was understood of a scene, and what a run would take, by name. Collective.
 
     Parameters
     ----------
     ranks : int, optional
         Ranks that a run would have, where it is not those that are here.
+    picture : Path, optional
+        What was understood is drawn there, as a PNG; why it is not, is in the row ``picture``.
 
     Raises
     ------
@@ -37,6 +43,7 @@ def check_scene(scene: Scene, comm, ranks: int | None = None) -> dict[str, str]:
     found = understand(scene, share, comm)
     softening = softening_of(scene, share)
     warnings = [text.removeprefix("warning: ") for text in softening_warnings(scene, softening)]
+    drawn = {} if picture is None else {"picture": _drawn(picture, scene, share, found, ranks)}
     sizes, quality = count_sizes(share, None), share.quality
     bonds, total = sum_integers(comm, np.array([int(need.bonds), int(need.bytes)]))
     return {
@@ -57,7 +64,19 @@ def check_scene(scene: Scene, comm, ranks: int | None = None) -> dict[str, str]:
         **_fit_cost(scene, bonds, comm.size),
         **({"cells and points of a rank, about": _shares(share, ranks)} if ranks else {}),
         **dict(describe(scene, share, found)),
+        **drawn,
     }
+
+
+def _drawn(path: Path, scene: Scene, share: Share, found: Understood, ranks: int | None) -> str:
+    """Draw the scene; where it is drawn, or why it is not. Collective."""
+    try:
+        draw_scene(path, scene, share, found.model, found.case, ranks)
+    except NoPicture as error:
+        return f"not drawn: {error}"
+    except OSError as error:
+        return f"not drawn: {path} cannot be written ({error.strerror}). Choose another place."
+    return str(path)
 
 
 def _shares(share: Share, ranks: int) -> str:

@@ -111,7 +111,7 @@ def describe_criterion(
     if failure.nearest:
         yield (
             'note: bonds that may break have peridynamics.surface_correction = "fitted", with which bodies carried '
-            'some 15 % more than with "virial" and some 20 % more than finer ones (docs/failure_criterion.md). Use '
+            'some 15 % more than with "virial" and some 20 % more than finer ones (docs/failure.md). Use '
             '"virial" for peaks.'
         )
     if scene.peridynamics.internal_length is None:

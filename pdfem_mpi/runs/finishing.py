@@ -15,6 +15,7 @@ from pdfem_mpi.runs.failure_outcome import crack_in_a_mirror
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.memory_report import count_parts, describe_memory, left_out, table_of
 from pdfem_mpi.runs.notes import Findings, ending
+from pdfem_mpi.runs.region_notes import describe_staying
 from pdfem_mpi.runs.restart_point import RestartPoint
 from pdfem_mpi.runs.sanity import look_back
 from pdfem_mpi.runs.stopwatch import phase
@@ -54,6 +55,8 @@ def finish(run: Run, march: March, start: RestartPoint, findings: Findings, size
     with phase(seconds, "output"):
         if ended.code != EXIT_STOPPED:  # a run that is asked to stop should stop soon
             on_root(comm, lambda: run.outputs.close())
+    for line in describe_staying(simulation):
+        run.reporter.line(line)
     for line in crack_in_a_mirror(run.scene, simulation.share, simulation.failure):
         run.reporter.line(line)
     seconds["total"] = perf_counter() - run.started

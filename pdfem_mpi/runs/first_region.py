@@ -52,7 +52,7 @@ def _hot_cells(scene: Scene, share: Share) -> np.ndarray:
     """Numbers of the cells that come nearest to breaking, rising, the same on all ranks. Collective."""
     comm, threshold = share.comm, scene.adaptive.threshold_with(scene.peridynamics.surface_correction)
     foretelling, u = _equilibrium(scene, share)
-    ratio = foretelling.ratios(u, 0.0)
+    ratio = np.where(share.found.can_turn[foretelling.cells], foretelling.ratios(u, 0.0), 0.0)
     top = float(largest(comm, np.array([ratio.max(initial=0.0)]))[0])
     if not top > 0.0:
         raise SceneError([

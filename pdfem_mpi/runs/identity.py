@@ -34,6 +34,8 @@ NEWER_DEFAULTS = (
     ("cracks", "kind", "polygon"),
     ("supports", "of", "cells"),
     ("loads", "constant", False),
+    ("", "springs", []),
+    ("", "ties", []),
     ("regions", "always_elements", False),
     ("", "adaptive", None),
 )
@@ -133,8 +135,8 @@ def _is_newer_default(key: str, value: Any) -> bool:
 
 
 def _is_label(key: str) -> bool:
-    """Whether a key is the name of a load or support, which calls columns of the history and nothing else."""
-    return key.endswith(".name") and key.startswith(("loads.", "supports."))
+    """Whether a key is the name of a load, support, spring or tie, which calls columns and nothing else."""
+    return key.endswith(".name") and key.startswith(("loads.", "supports.", "springs.", "ties."))
 
 
 def _held_now(key: str, then: Any, now: Any) -> bool:

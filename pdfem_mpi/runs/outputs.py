@@ -38,7 +38,7 @@ from pdfem_mpi.runs.simulation import Simulation
 
 
 class HistoryOutput(Output):
-    """history.csv, and the figures of a run in which bonds broke."""
+    """history.csv, and the figures of a run in which bonds broke, or of one with several rows."""
 
     def __init__(self, columns: tuple[str, ...]) -> None:
         super().__init__()
@@ -53,7 +53,8 @@ class HistoryOutput(Output):
         self.history.append(columns)
 
     def draw(self, place: Place) -> None:
-        if int((self.history.last() or {}).get("broken_bonds") or 0):
+        last = self.history.last() or {}
+        if int(last.get("broken_bonds") or 0) or ("broken_bonds" not in last and int(last.get("step") or 0) > 1):
             draw_run(place.written.folder, place.scene, place.warn)
 
 
@@ -137,7 +138,7 @@ def make_outputs(place: Place, columns: tuple[str, ...]) -> Outputs:
 
 
 def draw_run(folder: Path, scene: Scene, warn: Callable[[str], None], film: bool = False) -> list[Path]:
-    """Draw the figures of a run with failure from its result files, on this rank alone; the paths drawn.
+    """Draw the figures of a run with failure or of several rows, from its files, on this rank alone; the paths drawn.
 
     ``warn`` is called with a sentence about each figure that could not be drawn.
     """

@@ -8,6 +8,7 @@ import numpy as np
 
 from pdfem_mpi.deck.mechanical_probes import CutProbe, EnergyReleaseProbe, PointProbe, SetProbe
 from pdfem_mpi.deck.outputs import BarProbe, DisplacementProbe, LineProbe, OpeningProbe
+from pdfem_mpi.deck.table import AXES
 from pdfem_mpi.measure.bar import Bar, bar_results, measure_bar
 from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import Fields
@@ -142,13 +143,29 @@ class ReadOutput(Output):
             self.results = {self.probe.name: fields.probed[self.probe.name]}
 
 
+class SetOutput(ReadOutput):
+    """Means and extremes over a set of cells, and its mean displacement as the last row of the history has it."""
+
+    def __init__(self, probe: SetProbe) -> None:
+        super().__init__(probe)
+        self.mean: dict[str, Any] = {}
+
+    def write(self, columns: dict[str, Any], fields: Fields | None, damage: np.ndarray | None) -> None:
+        if "displacement" in self.probe.fields:
+            self.mean = {"displacement": {"mean": [columns[f"{self.probe.name}.u_{axis}"] for axis in AXES]}}
+
+    def measure(self, place: Place, fields: Fields, load_factor: float) -> None:
+        super().measure(place, fields, load_factor)
+        self.results = {self.probe.name: self.mean | self.results.get(self.probe.name, {})}
+
+
 #: Which output a table of ``[[probes]]`` asks for.
 OF_PROBE = {
     DisplacementProbe: DisplacementOutput,
     BarProbe: BarOutput,
     LineProbe: LineOutput,
     PointProbe: PointOutput,
-    SetProbe: ReadOutput,
+    SetProbe: SetOutput,
     CutProbe: ReadOutput,
     EnergyReleaseProbe: ReadOutput,
     OpeningProbe: OpeningOutput,

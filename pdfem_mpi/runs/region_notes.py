@@ -26,6 +26,7 @@ def region_summary(simulation: Simulation) -> dict[str, Any] | None:
         },
         "error": program.get("error"),
         "largest_foretold": program.get("foretold"),
+        "largest_in_staying_elements": program.get("staying"),
         "switched_energy_over_work": program.get("switched", 0.0) / work if work else None,
         "cells_turned": len(simulation.share.found.turned),
         "cells_left": simulation.share.found.left,
@@ -43,6 +44,17 @@ def region_rows(found: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
         yield "error of the first break, about", f"{100.0 * found['error']:+.2g} %"
     if found["switches"] and found["switched_energy_over_work"] is not None:
         yield "energy of switches over work", f"{100.0 * found['switched_energy_over_work']:+.2g} %"
+
+
+def describe_staying(simulation: Simulation) -> Iterator[str]:
+    """A warning where elements that must stay would have broken, had they been bonds."""
+    most = simulation.state.program.get("staying", 0.0)
+    if most >= 1.0:
+        yield (
+            f"warning: elements that must stay were stretched to {most:.3g} times the critical stretch, and bonds "
+            "would have broken there: cells that are held or loaded, that the deck keeps, and those beside them. Hold "
+            "and load the body farther away from where it breaks."
+        )
 
 
 def describe_switch(simulation: Simulation) -> str:

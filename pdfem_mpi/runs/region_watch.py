@@ -66,12 +66,15 @@ class RegionWatch:
         found, cells = share.found, self.foretelling.cells
         threshold = settings.threshold_with(simulation.scene.peridynamics.surface_correction)
         ratio = self.foretelling.ratios(state.u, threshold)
-        hot, damaged = cells[ratio >= threshold], self._damaged()
+        stays = ~found.can_turn[cells]
+        hot, damaged = cells[(ratio >= threshold) & ~stays], self._damaged()
         missing = np.count_nonzero(found.too_near[hot]) + np.count_nonzero(found.too_near[damaged])
         ends = np.count_nonzero(found.at_the_end[damaged])
         missing, ends = sum_integers(comm, np.array([missing, ends])).tolist()
-        top = float(largest(comm, np.array([ratio.max(initial=0.0)]))[0])
+        tops = np.array([ratio[~stays].max(initial=0.0), ratio[stays].max(initial=0.0)])
+        top, staying = largest(comm, tops).tolist()
         program = state.program
+        program["staying"] = max(program.get("staying", 0.0), staying)
         if ends:
             raise NotConverged(self._describe_end(damaged[found.at_the_end[damaged]]))
         if not missing:

@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from pdfem_mpi.body.share import Share
+from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.breaking import make_failure
@@ -21,11 +23,10 @@ from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase, make_load_case
 from pdfem_mpi.model.model import Model, build_model
 from pdfem_mpi.model.motions import name_motion
-from pdfem_mpi.model.parts import describe_unsupported
+from pdfem_mpi.model.parts import describe_unsupported, positions
 from pdfem_mpi.model.resultants import resultant_of
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import largest, sum_integers
-from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.runs.failure_notes import criteria
 from pdfem_mpi.runs.memory_estimate import show_bytes
@@ -36,6 +37,8 @@ from pdfem_mpi.runs.sanity import doubts
 CG_EVALUATIONS = {"linear": 20, "finite": 60}
 #: Evaluations of relaxation for a cell of the body's length, to 1e-6 (docs/overview.md).
 ADR_EVALUATIONS = 8
+#: Components of a resultant below this part of the largest are round-off.
+ROUND_OFF = 1e-12
 #: Evaluations whose mean tells the speed.
 TIMED = 2
 
@@ -92,8 +95,9 @@ def describe(scene: Scene, share: Share, found: Understood) -> Iterator[tuple[st
     yield from _regions(scene, share)
     yield from _loads(scene, share)
     yield from _supports(scene, share, found)
+    yield from _restraints(scene, share, found.model)
     for index, (crack, cut) in enumerate(zip(scene.cracks, found.model.cut, strict=False)):
-        corners = np.array(crack.polygon)
+        corners = _corners_within(share, crack)
         what = f"cuts {cut:,} bonds" if cut else "cuts no bond: it does not pass through peridynamic cells"
         yield f"cracks.{index}", f"{what}; {_box(corners.min(axis=0), corners.max(axis=0), scene.units.length)}"
     yield "free motions", _free_motions(scene, share, found.case)
@@ -104,6 +108,14 @@ def describe(scene: Scene, share: Share, found: Understood) -> Iterator[tuple[st
     yield from ((f"doubt {k}", text) for k, text in enumerate(told, start=1))
     yield from _time(scene, share, found)
     yield "disk, about", _disk(scene, share, found.model)
+
+
+def _corners_within(share: Share, crack: Any) -> np.ndarray:
+    """Corners of a crack as the deck has them, or as far as the body reaches; (n, 3), the deck's units."""
+    if isinstance(crack, Crack):
+        return np.array(crack.polygon)
+    low, high = (corner * share.units.length + share.units.origin for corner in (share.lower, share.upper))
+    return np.clip(np.array(crack.corners(low.tolist(), high.tolist())), low, high)
 
 
 def _regions(scene: Scene, share: Share) -> Iterator[tuple[str, str]]:
@@ -121,7 +133,7 @@ def _loads(scene: Scene, share: Share) -> Iterator[tuple[str, str]]:
     unit = f" {scene.units.force}" if scene.units.force else ""
     for index, load in enumerate(scene.loads):
         force, cells, nodes = resultant_of(scene, share, index)
-        force = exact_dots(share.comm, [(force[d : d + 1], np.ones(1)) for d in range(3)]) * share.units.force
+        force = np.where(np.abs(force) < ROUND_OFF * np.abs(force).max(), 0.0, force) * share.units.force
         n_cells, n_nodes = _counts(share, cells, nodes)
         places = [f"{n_cells:,} cells"] if n_cells else []
         places += [f"{n_nodes:,} nodes"] if n_nodes else []
@@ -136,15 +148,43 @@ def _supports(scene: Scene, share: Share, found: Understood) -> Iterator[tuple[s
         counts = sum_integers(share.comm, np.array([len(held) for held in found.case.held[index]]))
         amounts = []
         for axis, count in zip("xyz", counts.tolist(), strict=True):
-            amount = getattr(support, axis, None)
+            amount = support.amounts["xyz".index(axis)]
             if amount is not None or count:
                 number = isinstance(amount, int | float)
                 told = f" = {amount:.6g}{unit}" if number else f" = {amount}" if amount is not None else ""
                 amounts.append(f"{axis}{told} at {count:,} points and nodes")
         cells = np.zeros(len(share.mesh.cells), bool)
         cells[share.selections.supports[index].cells] = True
-        place = _box_of(share, cells & share.is_owned, None, scene)
-        yield f"supports.{index}", f"{', '.join(amounts)}; in cells {place}"
+        place = f"in cells {_box_of(share, cells & share.is_owned, None, scene)}"
+        if place.endswith("nowhere"):  # narrower than cells
+            place = _at(scene, found.model, np.concatenate(found.case.held[index])).partition("; ")[2]
+        yield f"supports.{index}", f"{', '.join(amounts)}; {place}"
+
+
+def _restraints(scene: Scene, share: Share, model: Model) -> Iterator[tuple[str, str]]:
+    """Springs with their stiffness, and ties, each with its places."""
+    force, length = scene.units.force, scene.units.length
+    unit = f" {force}/{length}" if force and length else ""
+    for index, spring in enumerate(scene.springs):
+        places = np.concatenate([places for places, _ in model.springs.tables[3 * index : 3 * index + 3]])
+        stiffness = ", ".join(f"{k:.6g}" for k in spring.stiffness)
+        yield f"springs.{index}", f"stiffness ({stiffness}){unit} in all {_at(scene, model, places)}"
+    groups = model.ties.groups if model.ties else ()
+    for index, tie in enumerate(scene.ties):
+        places = np.concatenate([group.index for group in groups if group.table == index])
+        yield f"ties.{index}", f"one displacement along {', '.join(tie.along)} {_at(scene, model, places)}"
+
+
+def _at(scene: Scene, model: Model, index: np.ndarray) -> str:
+    """How many points and nodes some unknowns belong to, and the box around them. Collective."""
+    chosen = np.zeros(model.n_unknowns, bool)
+    chosen[index] = True
+    rows = model.unknowns.rows(chosen).any(axis=1)
+    (count,) = sum_integers(model.comm, np.array([np.count_nonzero(rows)])).tolist()
+    x = positions(model)[rows] * model.units.length + model.units.origin
+    ends = [(-x).max(axis=0), x.max(axis=0)] if len(x) else [np.full(3, -np.inf)] * 2
+    low, high = largest(model.comm, np.concatenate(ends)).reshape(2, 3)
+    return f"at {count:,} points and nodes; {_box(-low, high, scene.units.length)}"
 
 
 def _free_motions(scene: Scene, share: Share, case: LoadCase) -> str:

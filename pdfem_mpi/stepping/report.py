@@ -12,6 +12,7 @@ from pdfem_mpi.measure.strains import Deformation, measure_elements
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
 from pdfem_mpi.model.motions import rigid_modes
+from pdfem_mpi.model.restraints import internal_forces
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.parallel.sums import exact_dots
@@ -37,7 +38,7 @@ class Report:
     reaction : float, dimension force
         Largest resultant of a support that moves (else of a support) or, without supports, the load.
     resultant : float64, shape (3,), dimension force
-        Sum of the forces of all supports; mirror planes are none.
+        Sum of the forces of all supports and springs; mirror planes are none.
     of_supports : float64, shape (n_supports, 3), dimension force
         Force of each support on the body.
     convergence : Convergence
@@ -58,6 +59,8 @@ class Report:
         Since the row before.
     softened : int or None
         Bonds that have softened and are not gone; None where none can.
+    of_springs : float64, shape (n_springs, 3), dimension force, or None
+        Force of each table of springs on the body.
     switched : float or None, dimension force length
         Strain energy that vanished where elements were turned into bonds; None where none are.
     """
@@ -83,6 +86,7 @@ class Report:
     time: float | None
     seconds: float
     softened: int | None = None
+    of_springs: np.ndarray | None = None
     switched: float | None = None
 
     @property
@@ -138,9 +142,10 @@ class Reporter:
         elements = measure_elements(forces.model, state.u)
         if elements and elements.refusal:
             raise NotConverged(f"at load factor {state.load_factor:.6g} {elements.refusal}")
-        internal = np.empty_like(state.u)
-        forces.evaluate_surely(state.u, np.zeros_like(state.u), internal)
+        internal = internal_forces(forces, state.u)
         resultants, force_balance, moment_balance = balance(forces, state, case, internal)
+        springs = forces.model.springs
+        of_springs = springs.resultants(forces.model.comm, state.u) if springs else None
         stored = forces.stored_energy(state.u) if failure else None
         broken = failure.count if failure else 0
         now = perf_counter()
@@ -150,7 +155,7 @@ class Reporter:
             load_factor=state.load_factor,
             displacement=displacement(forces, self.gauge, state),
             reaction=reaction(case, resultants, state.load_factor),
-            resultant=resultants.sum(axis=0),
+            resultant=resultants.sum(axis=0) + (0.0 if of_springs is None else of_springs.sum(axis=0)),
             of_supports=resultants,
             convergence=convergence,
             force_balance=force_balance,
@@ -166,6 +171,7 @@ class Reporter:
             time=state.program.get("time"),
             seconds=now - state.began,
             softened=getattr(failure, "soft", None),
+            of_springs=of_springs,
             switched=state.program.get("switched"),
         )
         state.program["told_broken"], state.began = broken, now
@@ -225,4 +231,7 @@ def balance(forces: Forces, state: State, case: LoadCase, internal: np.ndarray):
         return float(np.abs(net[d]).max()) / whole if whole > 0.0 else 0.0
 
     held = internal if case.thermal is None else internal + state.load_factor * case.thermal.forces
+    if model.springs:
+        held = held.copy()
+        model.springs.pull(state.u, held)
     return support_resultants(forces, case, held), ratio(slice(0, 3)), ratio(slice(3, 6))

@@ -15,6 +15,7 @@ from hard.judges import (
     probe,
     refused,
     same_as_other,
+    same_reactions,
     says,
     uniform_tension,
 )
@@ -50,6 +51,14 @@ READING_B = (
     'supports=[{face="x-",x=-0.006},{face="x+",x=0.006},{face="y-",y=0.0},{face="z-",z=0.0}]',
     "probes=[]",
 )
+
+
+#: Loads of one state by two ways: each is read once a tenfold smaller residual moves it by at most 5e-4; 7e-5 is found.
+SAME_STATE = 1e-4
+#: Supports of the notched beam, and a program for it that does not follow the opening.
+LEFT = '{name="left_roller",line=[[2,0,0],[2,0,1]],x=0.0,y=0.0}'
+ROLLERS = f'{LEFT},{{line=[[22,0,0],[22,0,1]],y=0.0}},{{face="z-",z=0.0}}'
+ENERGY = 'stepping={kind="events",control="energy",end_reaction=0.5,report_every=1}'
 
 
 def only(model: str, *names: str) -> tuple[str, ...]:
@@ -635,6 +644,38 @@ CASES = (
         "both carry half of the load of 1, to a fifth of a cell; together it, to 1e-9",
         adds_up(1e-9, 0.03, "left_roller", "right_roller"),
         ('stepping={kind="steps"}', "material.critical_stretch=1.0"),
+    ),
+    Case(
+        22,
+        "a pin that a support drives",
+        "notched_beam",
+        "ledger to 1e-9",
+        broken(1e-9),
+        ("loads=[]", f"supports=[{ROLLERS},{{line=[[12,6,0],[12,6,1]],y=-0.01}}]", ENERGY),
+        ("stepping.end_reaction=0.9",),
+    ),
+    Case(
+        22,
+        "a tied pin",
+        "notched_beam",
+        "reactions and broken bonds of every row are those of a pin that a support drives, to 1e-4",
+        same_reactions(SAME_STATE),
+        ('ties=[{name="pin",line=[[12,6,0],[12,6,1]],along=["y"]}]', ENERGY),
+        ("stepping.end_reaction=0.9",),
+        against="a pin that a support drives",
+    ),
+    Case(
+        22,
+        "a spring in place of a roller",
+        "notched_beam",
+        "both carry half of the load of 1, to a fifth of a cell; together it, to 1e-9",
+        adds_up(1e-9, 0.03, "left_roller", "spring"),
+        (
+            f'supports=[{LEFT},{{face="z-",z=0.0}}]',
+            'springs=[{name="spring",line=[[22,0,0],[22,0,1]],stiffness=[0,5000,0]}]',
+            'stepping={kind="steps"}',
+            "material.critical_stretch=1.0",
+        ),
     ),
     Case(
         22,

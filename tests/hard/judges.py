@@ -231,6 +231,18 @@ def adds_up(tolerance: float, shift: float, left: str, right: str) -> Judge:
     return compared(measure, tolerance)
 
 
+def same_reactions(tolerance: float) -> Judge:
+    """Rows, broken bonds and reactions at each are those of the case `against`, whose loads are others."""
+
+    def measure(scene, outcome, others):
+        here, there = outcome.history, others["against"].history
+        same = [row["broken_bonds"] for row in here] == [row["broken_bonds"] for row in there]
+        errors = [abs(a["reaction"] / b["reaction"] - 1.0) for a, b in zip(here, there, strict=False)]
+        return f"{len(here)} rows, {int(here[-1]['broken_bonds']):,} bonds broken", max(errors) if same else math.inf
+
+    return compared(measure, tolerance)
+
+
 def nothing_moves() -> Judge:
     """No displacement at all."""
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi import Simulation
+from pdfem_mpi import Simulation, read_deck
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.meshes import BoxMesh
 from pdfem_mpi.deck.peridynamics import Crack
@@ -12,6 +12,7 @@ from pdfem_mpi.deck.removals import RemovedBox, RemovedCylinder
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.solvers.convergence import NotConverged
 from support.adaptive import FAST, plate, rows_of
+from support.helpers import ROOT
 
 pytestmark = pytest.mark.slow
 LEDGER = 1e-10
@@ -90,3 +91,12 @@ def test_a_region_that_comes_to_a_support_ends_with_a_sentence():
     scene = plate().model_copy(update={"mesh": short})
     with pytest.raises(NotConverged, match="cells that must stay elements"):
         rows_of(Simulation(scene, mpi().COMM_SELF))
+
+
+def test_a_mesh_that_is_coarse_outside():
+    """Cells of 3 stay elements; the crack runs through those of 1."""
+    simulation, rows = followed(read_deck(ROOT / "jobs" / "hard" / "found_region.toml"))
+    x = simulation.share.mesh.centroids[simulation.share.found.can_turn][:, 0]
+    assert np.abs(x).max() < 6.0
+    assert rows[-1]["event"] == "end"
+    assert rows[-1]["crack_y_max"] > 10.0

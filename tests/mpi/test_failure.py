@@ -10,11 +10,13 @@ from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.parallel.comm import mpi
 from support.bodies import build
 from support.failing import DEAD, GRIPS, WEIGHT, chipped, failing, followed, numbers, of_bonds, opened, strip
+from support.held import beam
 from support.helpers import assert_all
 
 pytestmark = pytest.mark.mpi(min_size=2)
 
 RAMP = Ramp(kind="ramp", increment=2e-3, report_every=20)
+FAST = Ramp(kind="ramp", increment=5e-3, report_every=20)
 SCENES = {
     "events": ({"report_every": 1}, 25),
     "events, elements": ({"elements": 2}, 12),
@@ -22,6 +24,9 @@ SCENES = {
     "events, energy": ({"control": "energy", "report_every": 1}, 12),
     "events, opening": ({"make": opened}, 12),
     "events, opening, constant": ({"make": opened, "loads": (WEIGHT,), "supports": GRIPS}, 8),
+    "events, springs and ties": ({"make": beam}, 8),
+    "events, finite, springs and ties": ({"make": beam, "kinematics": "finite", "control": "energy"}, 5),
+    "ramp, springs and ties": ({"make": beam, "solver": "adr", "tolerance": 1e-6, "stepping": FAST}, 12),
     "events, dead loads": ({"loads": DEAD, "supports": ()}, None),
     "events, chip": ({"make": chipped, "report_every": 1}, 16),
     "events, noise": ({"noise": 0.05, "seed": 3}, 12),

@@ -40,6 +40,15 @@ def node_blocks(model: Model, of_points: np.ndarray | None) -> np.ndarray:
     return assemble(model.comm, model.nodes, contributions, 6)
 
 
+def with_springs(blocks: np.ndarray, springs: np.ndarray | None, rows) -> np.ndarray:
+    """Blocks (n, 6) with the stiffness of springs, (n_triples, 3), of these rows on their diagonals."""
+    if springs is None:
+        return blocks
+    blocks = blocks.copy()
+    blocks[:, :3] += springs[rows]
+    return blocks
+
+
 def softest(comm, blocks: np.ndarray, modulus: np.ndarray) -> np.ndarray:
     """Stiffness below which a direction of each block counts as without any. Collective.
 

@@ -87,7 +87,7 @@ class Grid:
 
 
 def make_grid(
-    intact: Model, share: Share, fixed: np.ndarray, spring: float, motions: np.ndarray, kept: Grid | None = None
+    intact: Model, share: Share, held_by: np.ndarray, spring: float, motions: np.ndarray, kept: Grid | None = None
 ) -> Grid:
     """Set up the grid over a finite-element model. Collective.
 
@@ -97,8 +97,8 @@ def make_grid(
         Finite elements in every cell.
     share : Share
         Of the same body.
-    fixed : bool, shape (n_owned_nodes, 3)
-        Components that do not move: held by springs of stiffness ``spring``.
+    held_by : float64, shape (n_owned_nodes, 3)
+        Stiffness to the ground of each component, over ``spring``: 1 of those that do not move.
     motions : float64, shape (n_motions, 6)
         Rigid motions that nothing holds, as combinations of translations and rotations.
     kept : Grid, optional
@@ -122,8 +122,8 @@ def make_grid(
     xi = (nodes.x[: nodes.n_owned] - lower) / h - np.stack(np.unravel_index(where, counts), axis=1)
     of_node = np.searchsorted(known, where)
     for d in range(3):
-        held = fixed[:, d]
-        weight = np.ones(np.count_nonzero(held))
+        held = held_by[:, d] > 0.0
+        weight = held_by[held, d].astype(float)
         add_moments(moments[:, len(ratios) + d], of_node[held], xi[held], weight, np.full_like(quantum, MOMENT_QUANTUM))
 
     corners = cell_nodes(counts, 1, where)

@@ -20,11 +20,12 @@ from pdfem_mpi.model.bounds import COARSE, Bounds, power_above
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
 from pdfem_mpi.model.model import Model, build_intact_elements
+from pdfem_mpi.model.restraints import tie
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.failure import Broken
 from pdfem_mpi.peridynamics.point_blocks import PointBlocks, point_blocks
-from pdfem_mpi.solvers.preconditioner.blocks import inverted, node_blocks, softest
+from pdfem_mpi.solvers.preconditioner.blocks import inverted, node_blocks, softest, with_springs
 from pdfem_mpi.solvers.preconditioner.coarse_grid import Grid, make_grid
 from pdfem_mpi.solvers.preconditioner.smoothing import damping
 
@@ -48,6 +49,8 @@ class Preconditioner:
         Limits of their inversion, that of the intact body.
     blocks : float64, shape (n_triples, 6)
         Inverse blocks of free points, then of owned nodes.
+    of_springs : float64, shape (n_triples, 3), dimension force / length, or None
+        Stiffness of springs in them.
     forces : Forces
         Of the intact finite-element model.
     cells : int32, shape (n_free, 8)
@@ -66,6 +69,7 @@ class Preconditioner:
     fixed_points: np.ndarray
     softest: np.ndarray
     blocks: np.ndarray
+    of_springs: np.ndarray | None
     forces: Forces
     cells: np.ndarray
     own_nodes: np.ndarray
@@ -106,6 +110,7 @@ class Preconditioner:
         add_block_products(True, self.blocks[:n], OMEGA, unknowns.of_points(r), unknowns.of_points(z))
         of_nodes = (unknowns.of_nodes(vector).reshape(-1) for vector in (r, z))
         add_block_products(False, self.blocks[n:], OMEGA, *of_nodes)
+        tie(self.model, z)
 
     def apply_surely(self, r: np.ndarray, size: float, z: np.ndarray) -> None:
         """`apply`, again until the bounds hold and fit. Collective; for where no sum of others is due."""
@@ -128,7 +133,8 @@ class Preconditioner:
         """Renew the blocks of points that lost bonds; nodes of the overlap keep theirs. Collective."""
         points = self.of_points.take_out(self.model.points, self.model.bonds, broken)
         points = points[points < len(self.fixed_points)]
-        self.blocks[points] = inverted(self.of_points.values(points), self.fixed_points[points], self.softest[points])
+        values = with_springs(self.of_points.values(points), self.of_springs, points)
+        self.blocks[points] = inverted(values, self.fixed_points[points], self.softest[points])
 
     def _cycle(self, right: np.ndarray, quantum: float) -> np.ndarray:
         """One symmetric cycle for ``K x = right`` of the intact model, from 0."""
@@ -163,16 +169,17 @@ def make_preconditioner(
     bounds = Bounds() if bounds is None else bounds
     intact = build_intact_elements(share, model)
     local, cells = local_nodes(share, intact.subdomain), share.mesh.cells
-    unknowns = model.unknowns
-    of_points = values = None
+    unknowns, of_points, values = model.unknowns, None, None
     blocks, around, held = [], np.empty((0, 8), np.int32), np.zeros((len(intact.nodes.number), 3), np.int64)
     limit, modulus = np.empty(0), share.youngs_modulus
+    springs, n = model.springs and model.springs.rows(unknowns), unknowns.n_points
     if model.points:
         of_points = point_blocks(model.points, model.bonds)
         values = of_points.values()
         owned = np.concatenate([model.subdomain.free, model.subdomain.overlap])
-        limit = softest(model.comm, values, np.repeat(modulus[owned], 8))[: unknowns.n_points]
-        blocks.append(inverted(values[: unknowns.n_points], point_rows(unknowns.of_points(case.fixed)), limit))
+        limit = softest(model.comm, values, np.repeat(modulus[owned], 8))[:n]
+        held_points = with_springs(values[:n], springs, slice(0, n))
+        blocks.append(inverted(held_points, point_rows(unknowns.of_points(case.fixed)), limit))
         around = np.ascontiguousarray(local[cells[model.subdomain.free]])
         # the nodes around fixed points do not move either
         fixed_points = point_rows(unknowns.of_points(case.fixed)).reshape(-1, 8, 3).any(axis=1)
@@ -183,31 +190,53 @@ def make_preconditioner(
         own = model.subdomain.owned_nodes
         of_nodes = node_blocks(model, values)
         stiffest = _stiffest_around(share, share.has_nodes)[own]
-        blocks.append(inverted(of_nodes, fixed_nodes, softest(model.comm, of_nodes, stiffest)))
+        held_nodes = with_springs(of_nodes, springs, slice(n, None))
+        blocks.append(inverted(held_nodes, fixed_nodes, softest(model.comm, of_nodes, stiffest)))
         own_nodes = local[own]
         held[own_nodes] += fixed_nodes
     intact.nodes.halo.scatter_reverse(held)
     fixed = held[: intact.nodes.n_owned] > 0
     fixed.reshape(-1)[intact.rollers] = True
-    of_cycle = node_blocks(intact, None)
-    stiffest = _stiffest_around(share, np.ones(len(cells), bool))[intact.subdomain.owned_nodes]
-    spring = SPRING * float(largest(model.comm, np.array([of_cycle[:, :3].max(initial=0.0)]))[0])
     cycle_forces = Forces(intact, bounds.part("cycle"))
-    cycle_blocks = inverted(of_cycle, fixed, softest(model.comm, of_cycle, stiffest))
+    cycle_blocks, held_by, spring = _blocks_of_cycle(share, intact, fixed)
     return Preconditioner(
         model=model,
         of_points=of_points,
         fixed_points=point_rows(unknowns.of_points(case.fixed)),
         softest=limit,
         blocks=np.concatenate(blocks),
+        of_springs=springs,
         forces=cycle_forces,
         cells=around,
         own_nodes=own_nodes,
         fixed=fixed.reshape(-1),
         cycle_blocks=cycle_blocks,
         damping=damping(cycle_forces, cycle_blocks, fixed.reshape(-1)),
-        grid=make_grid(intact, share, fixed, spring, case.free_motions, kept),
+        grid=make_grid(intact, share, held_by, spring, case.untied_motions, kept),
     )
+
+
+def _blocks_of_cycle(share: Share, intact: Model, fixed: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Inverse blocks of the intact model, and how stiff its nodes are held on the grid. Collective.
+
+    Parameters
+    ----------
+    fixed : bool, shape (n_nodes, 3)
+
+    Returns
+    -------
+    blocks : float64, shape (n_nodes, 6)
+    held_by : float64, shape (n_nodes, 3)
+        Over the last: 1 of what is fixed, and that of springs.
+    spring : float, dimension force / length
+    """
+    blocks = node_blocks(intact, None)
+    modulus = _stiffest_around(share, np.ones(len(share.mesh.cells), bool))[intact.subdomain.owned_nodes]
+    spring = SPRING * float(largest(intact.comm, np.array([blocks[:, :3].max(initial=0.0)]))[0])
+    springs = intact.springs and intact.springs.rows(intact.unknowns)
+    limits = softest(intact.comm, blocks, modulus)
+    held_by = fixed.astype(float) if springs is None else np.where(fixed, 1.0, springs / spring)
+    return inverted(with_springs(blocks, springs, slice(None)), fixed, limits), held_by, spring
 
 
 def _stiffest_around(share: Share, chosen: np.ndarray) -> np.ndarray:

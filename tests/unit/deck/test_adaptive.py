@@ -69,6 +69,11 @@ def test_what_does_not_go_with_it_is_refused_by_name(override, words):
     assert words in refused(*overrides, text=text)
 
 
+def test_ties_of_an_automatic_region_are_refused():
+    text = SOUND + '[[ties]]\nregion = "body"\nalong = ["x"]\n'
+    assert 'ties.0.region = "body" has model = "auto"' in refused(text=text)
+
+
 def test_ramps_are_refused():
     assert 'stepping.kind = "ramp" does not go with' in refused("stepping.kind=ramp", "stepping.increment=1e-4")
 

@@ -439,5 +439,5 @@ def test_a_run_says_what_is_known_of_breaking_fitted_bonds():
         run = failing(scene)
         said = list(describe_criterion(scene, run.body.share, run.failure, {}))
         assert len(said) == told
-        assert all('Use "virial"' in note and "docs/failure_criterion.md" in note for note in said)
+        assert all('Use "virial"' in note and "docs/failure.md" in note for note in said)
     assert list(describe_criterion(scene, run.body.share, None, {})) == []

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.model.forces import Forces
+from pdfem_mpi.peridynamics.virial import bond_stresses
 from support.bodies import bond_list
 from support.failing import STRETCH, failing, followed, of_bonds
 from support.softening import remade, soft_strip
@@ -138,6 +140,27 @@ def test_restored_bonds_give_the_same_state():
         each.body.state.bounds.bond, each.body.state.bounds.element = 2.0**-8, 2.0**-3
     assert (again.body.internal(run.body.state.u) == run.body.internal(run.body.state.u)).all()
     assert again.body.forces.stored_energy(run.body.state.u) == run.body.forces.stored_energy(run.body.state.u)
+
+
+@pytest.mark.parametrize("kinematics", KINEMATICS)
+def test_energy_densities_are_those_of_what_is_left(kinematics):
+    """Over all points they come to the stored energy."""
+    run, u = softened(0.39, kinematics)
+    body = run.body
+    body.internal(u)
+    points = body.model.points
+    _, density = bond_stresses(body.model.comm, body.forces.of_bonds)
+    volume = points.volume[: 8 * points.n_owned].reshape(-1, 8)
+    assert (density * volume).sum() == pytest.approx(body.forces.stored_energy(u), rel=STORED)
+
+
+def test_steps_and_ramps_soften():
+    """Teeth in the sweeps of a ramp, and at held displacements until no bond goes on."""
+    ramp = Ramp(kind="ramp", increment=2e-3, report_every=50, end_load_factor=0.6)
+    run = followed(soft_strip(stepping=ramp, solver="adr", tolerance=1e-6, poissons_ratio=0.39, **EDGE))
+    assert run.failure.soft > 0 and run.rows[-1].dissipated > 0.0
+    run = followed(soft_strip(stepping=Steps(load_factors=(0.4, 0.6)), poissons_ratio=0.39, **EDGE))
+    assert run.failure.soft > 0 and run.ratio() < 1.0
 
 
 def test_at_one_quarter_nothing_is_there():

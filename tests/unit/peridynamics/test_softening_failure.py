@@ -13,7 +13,7 @@ from pdfem_mpi.peridynamics.damage import Remaining
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.peridynamics.softening_failure import GONE
 from support.bodies import bond_list
-from support.failing import STRETCH, failing, followed, of_bonds, strip
+from support.failing import GRIPS, STRETCH, WEIGHT, failing, followed, of_bonds, strip
 from support.softening import remade, soft_strip, with_mirrors
 
 STORED = 1e-5  # stored numbers have 24 bits, and terms of both signs
@@ -244,6 +244,17 @@ def test_brittle_bonds_beside_them_go_at_once():
     run = failing(scene)
     assert pulled(run, 1.5 * STRETCH) == run.failure.count > 0
     assert run.failure.soft == 0
+
+
+@pytest.mark.parametrize("nu", [0.25, 0.39])
+@pytest.mark.parametrize("control", ["load", "energy"])
+def test_a_constant_load_beside_one_that_grows(control, nu):
+    """The load of each next limit is found beside the constant one, and the ledger counts its work."""
+    still = followed(soft_strip(supports=GRIPS, control=control, poissons_ratio=nu, **EDGE), 1).rows[0]
+    run = followed(soft_strip(loads=(WEIGHT,), supports=GRIPS, control=control, poissons_ratio=nu, **EDGE), 6)
+    assert run.rows[0].load_factor != pytest.approx(still.load_factor, rel=1e-3)
+    assert run.rows[-1].softened > 0
+    assert max(abs(row.ledger_error) for row in run.rows) <= CLOSED
 
 
 def test_opening_control_follows_softening_bonds():

@@ -45,6 +45,18 @@ def test_all_figures(tmp_path):
     assert drawn[3].read_bytes().startswith(b"GIF89a")
 
 
+def test_a_run_without_failure_has_its_loads_over_displacements(tmp_path):
+    """From two rows on; also where a cycle passes 0."""
+    columns = [name for name in COLUMNS if name != "broken_bonds"]
+    rows = [("step", f, 1e-3 * f, 50.0 * abs(f), *[""] * 4) for f in (0.5, 1.0, -0.5)]
+    for count, expected in ((1, []), (3, ["reaction.png"])):
+        with open(tmp_path / "history.csv", "w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([columns, *rows[:count]])
+        drawn = draw_failure(tmp_path, "an elastic bar", "mm", "N", warn=pytest.fail)
+        assert [path.name for path in drawn] == expected
+    assert drawn[0].stat().st_size > 5000
+
+
 def test_the_crack_is_seen(tmp_path):
     """Dark pixels of the last stage stand in the middle of the plate."""
     draw_failure(run_folder(tmp_path), "", "", "", warn=pytest.fail)

@@ -2,22 +2,27 @@
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from pdfem_mpi.deck.cracks import DiscCrack, HalfPlaneCrack
 from pdfem_mpi.deck.loads import BodyForce, Support, Traction
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.results import sketch
+from pdfem_mpi.results.whole_body import NoPicture
 from pdfem_mpi.runs.checking import check_scene
 from pdfem_mpi.runs.simulation import Simulation
 from support.bodies import make_scene
+from support.held import beam
 from support.helpers import run_pdfem
 from support.random_decks import random_scene
 from support.tiny import TINY
 
 FAR = 1e6
-DECKS, MORE_DECKS = range(6), range(6, 80)
+DECKS, MORE_DECKS = range(2), range(2, 80)
 HELD = (Support(face="x-", x=0.0, y=0.0, z=0.0),)
 PULL = (BodyForce(kind="body_force", face="x+", total=(1.0, 0.0, 0.0)),)
 
@@ -106,6 +111,48 @@ def test_what_was_understood_is_told():
     # sum of nodes and points by hand: 12 + 4 bytes of a point, 12 of a node; every node and cell of the body
     points, nodes = 8 * (16 + 4), 5 * 9
     assert rows["disk, about"].startswith(f"{(12 * points + 12 * nodes + 12 * 81 + 4 * 32) / 1e3:.0f} kB a frame")
+
+
+def test_cracks_of_every_shape_are_told():
+    """Half-planes end where the body does."""
+    cracks = (
+        DiscCrack(kind="disc", centre=(6.0, 1.0, 1.0), normal=(1.0, 0.0, 0.0), radius=0.5),
+        HalfPlaneCrack(kind="half_plane", point=(6.0, 0.9, 0.0), normal=(1.0, 0.0, 0.0), direction=(0.0, -1.0, 0.0)),
+    )
+    rows = check_scene(make_scene((8, 2, 2), supports=HELD, loads=PULL, cracks=cracks), mpi().COMM_SELF)
+    assert rows["cracks.0"].endswith("bonds; x 6, y 0.499981 to 1.50002, z 0.499981 to 1.50002")
+    assert rows["cracks.1"].endswith("bonds; x 6, y 0 to 0.9, z 0 to 2")
+
+
+def test_what_was_understood_is_drawn(tmp_path):
+    """Regions, supports, springs, ties, loads; with -n the ranks beside them."""
+    pytest.importorskip("pyvista")
+    for ranks, width in ((None, 1200), (3, 2400)):
+        rows = check_scene(beam(), mpi().COMM_SELF, ranks, tmp_path / "check.png")
+        assert rows["picture"] == str(tmp_path / "check.png")
+        with Image.open(tmp_path / "check.png") as picture:
+            assert picture.size == (width, 900)
+            colours = {colour for _, colour in picture.convert("RGB").getcolors(1 << 20)}
+        assert len(colours) > 50
+
+
+def test_why_nothing_is_drawn_is_told(tmp_path, monkeypatch):
+    def missing():
+        raise NoPicture("pictures in three dimensions need pyvista")
+
+    monkeypatch.setattr(sketch, "load_pyvista", missing)
+    rows = check_scene(beam(), mpi().COMM_SELF, None, tmp_path / "check.png")
+    assert rows["picture"] == "not drawn: pictures in three dimensions need pyvista"
+    assert not list(tmp_path.iterdir())
+
+
+def test_springs_and_ties_are_told():
+    rows = check_scene(beam(), mpi().COMM_SELF)
+    # on bonds a row of points beside the line: two of each of two cells
+    assert rows["springs.0"].startswith("stiffness (0, 500, 0) in all at 4 points and nodes; x ")
+    assert rows["springs.1"].startswith("stiffness (3, 0, 0) in all at 32 points and nodes; x ")
+    assert rows["ties.0"].startswith("one displacement along y at 24 points and nodes; x 5.2")
+    assert rows["free motions"] == "none: supports hold the body"
 
 
 def test_free_motions_are_named():

@@ -3,6 +3,7 @@
 import csv
 import json
 
+import numpy as np
 import pytest
 
 from pdfem_mpi.deck.toml import parse_deck
@@ -28,6 +29,11 @@ kind = "opening"
 name = "stretch"
 one = [0.0, 1.0, 1.0]
 two = [4.0, 1.0, 1.0]
+[[probes]]
+kind = "set"
+name = "all"
+lower = [0.0, 0.0, 0.0]
+fields = ["displacement", "stress"]
 [output]
 fields = false
 figures = false
@@ -35,6 +41,7 @@ figures = false
 load_factors = [0.5, 1.0]
 """
 NAMED = TINY.replace('face = "x-"\n', 'face = "x-"\nname = "wall"\n')
+NAMED = NAMED.replace('face = "x+"\n', 'face = "x+"\nname = "pull"\n')
 
 
 def rows_of(folder):
@@ -53,7 +60,9 @@ def folder(tmp_path_factory):
 def test_columns_are_called_by_their_probes(folder):
     columns = list(rows_of(folder)[0])
     named = [f"{name}.u_{axis}" for name in ("tip", "two words") for axis in "xyz"]
-    assert columns[13:] == [*named, "stretch.opening", *(f"wall.force_{axis}" for axis in "xyz"), "wall_seconds"]
+    named += ["stretch.opening", *(f"all.u_{axis}" for axis in "xyz")]
+    named += [f"{name}.force_{axis}" for name in ("wall", "pull") for axis in "xyz"]
+    assert columns[13:] == [*named, "wall_seconds"]
 
 
 def test_columns_are_what_the_summary_has(folder):
@@ -71,6 +80,25 @@ def test_a_named_support_is_the_reaction(folder):
         for axis in "xyz":
             assert row[f"wall.force_{axis}"] == row[f"reaction_{axis}"]
         assert float(row["wall.force_x"]) == pytest.approx(-float(row["load_factor"]), rel=1e-5)
+
+
+def test_a_named_load_is_its_force(folder):
+    for row in rows_of(folder):
+        assert float(row["pull.force_x"]) == pytest.approx(float(row["load_factor"]), rel=ROUND_OFF)
+        assert float(row["pull.force_y"]) == float(row["pull.force_z"]) == 0.0
+
+
+def test_the_mean_over_a_set_is_that_of_its_volume(folder):
+    """Of a linear field exactly, on elements, on bonds and across both; in the summary, as the last row has it."""
+    simulation = Simulation(parse_deck(NAMED + PROBES, "deck.toml"), mpi().COMM_SELF)
+    gradient = np.array([[1.0, 0.5, -0.25], [0.125, -0.5, 2.0], [-1.0, 0.75, 0.25]])
+    simulation.displace(lambda x: 1.0 + x @ gradient.T)
+    gauges, state = simulation.gauges.of_displacements, simulation.state
+    found = [gauges[f"all.u_{axis}"].read(simulation.comm, state.u) * simulation.share.units.length for axis in "xyz"]
+    assert found == pytest.approx(1.0 + gradient @ (2.0, 1.0, 1.0), rel=ROUND_OFF)
+    probe = json.loads((folder / "summary.json").read_text())["probes"]["all"]
+    assert probe["displacement"]["mean"] == [float(rows_of(folder)[-1][f"all.u_{axis}"]) for axis in "xyz"]
+    assert set(probe) == {"displacement", "stress"}
 
 
 def test_a_simulation_has_the_same_columns():

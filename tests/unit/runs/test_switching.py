@@ -8,6 +8,7 @@ from pdfem_mpi import Simulation
 from pdfem_mpi.deck.programs import Events, Steps
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.runs.region_notes import describe_staying
 from pdfem_mpi.solvers.convergence import NotConverged
 from support.adaptive import DRAWN, FAST, plate, rows_of
 from support.restarts import StopAt, alone, differing, outcome
@@ -38,6 +39,10 @@ def test_the_region_follows_the_crack():
     assert [row["bonds"] for row in rows] == sorted(row["bonds"] for row in rows)
     assert rows[0]["bonds"] < rows[-1]["bonds"] <= drawn.model.bonds.count
     assert 0.0 < found.state.program["foretold"] < 0.8
+    assert 0.0 < found.state.program["staying"] < 1.0
+    assert list(describe_staying(found)) == []
+    found.state.program["staying"] = 1.25
+    assert "1.25 times the critical stretch" in next(describe_staying(found))
     assert rows[-1]["broken_bonds"] == pytest.approx(expected[-1]["broken_bonds"], rel=0.1)
 
 

@@ -31,7 +31,7 @@ def test_the_input_has_the_deck_of_the_beam(beam, tmp_path):
     assert cells == 81 * 10 - 1  # an odd number along the beam, less the notch
     text = (tmp_path / "beam.in").read_text()
     assert text.count("\nnode ") == 82 * 11 - 2 + 2 and text.count("\nPlaneStress2D ") == cells
-    assert "E 26110.0 n 0.2 ft 2.59" in text and "soft_w 3 0.0 0.0361 0.203" in text
+    assert "E 26110 n 0.2 ft 2.59" in text and "soft_w 3 0.0 0.0361 0.203" in text
 
 
 def test_the_output_is_read(beam, tmp_path):

@@ -67,7 +67,8 @@ def _draw_paths(axes, paths, traced) -> None:
         axes.plot(*columns(traced), **MEASURED)
     for (label, (x, y)), (colour, _) in zip(paths.items(), CURVES, strict=False):
         axes.plot(x, y, color=colour, linewidth=1.1, label=label)
-    axes.set(xlabel="x / mm", ylabel="y / mm", aspect="equal")
+    axes.set(xlabel="x / mm", ylabel="y / mm")
+    axes.set_aspect("equal", adjustable="datalim")
     axes.set_title("middle of the crack")
     axes.legend(fontsize=8)
 

@@ -1,4 +1,4 @@
-"""Bodies with corners and refined cells broken by several rules and corrections: docs/failure_criterion.md.
+"""Bodies with corners and refined cells broken by several rules and corrections: docs/failure.md.
 
 A refined hole, a square notch and two holes, each coarse, with cells of half the edge at the same internal length, and
 with half the internal length as well. Each case leaves a file in runs/criterion_study/; one of the same settings is
@@ -242,6 +242,6 @@ def main(words: Sequence[str]) -> int:
         keys = ("first", "peak", "broken", "energy", "fracture_energy", "fit_residual", "largest_factor", "seconds")
         print(", ".join(f"{key} {number(known, key, '.4g')}" for key in keys if known.get(key) is not None), flush=True)
     if not options.dry_run:
-        fill(DOCS / "failure_criterion.md", tables())
+        fill(DOCS / "failure.md", tables())
         draw()
     return 0

@@ -1,4 +1,4 @@
-"""Bodies whose bonds soften at cells h, h/2 and h/4, and with one setting changed at a time: docs/softening.md.
+"""Bodies whose bonds soften at cells h, h/2 and h/4, and with one setting changed at a time: docs/failure.md.
 
 Strength and fracture energy are the material's, the internal length is the cells' edge. Brittle members have the
 critical stretch of the same fracture energy (at the coarse cells; it follows the cells). ``--full`` adds h/4. Each run
@@ -17,7 +17,7 @@ from tools.studies.series import DOCS, RUNS, fill, parser_of, program, summary_o
 from tools.studies.softening.bodies import BODIES, with_length
 
 FOLDER = RUNS / "softening_study"
-DOCUMENT = DOCS / "softening.md"
+DOCUMENT = DOCS / "failure.md"
 #: One setting at a time, of the centre crack at its coarse cells.
 SETTINGS: dict[str, dict[str, str]] = {
     "defaults": {},
@@ -112,17 +112,27 @@ def loads_of(case: Case) -> dict | None:
 
 def convergence_table() -> list[str]:
     """Bodies over cells, softening and brittle side by side."""
-    head = ["body", "cells", "first softening", "peak", "at", "energy of gone bonds / G_c A", "sweeps", "brittle peak"]
+    head = ["body", "cells", "first softening", "peak", "change", "at", "energy of gone bonds / G_c A", "sweeps",
+            "over brittle's", "brittle peak", "change"]  # fmt: skip
     rows = []
     for body in BODIES:
+        before: dict[bool, float] = {}
+
+        def peak(found: dict | None, brittle: bool, before: dict[bool, float] = before) -> list[str]:
+            if not found:
+                return ["", ""]
+            last, before[brittle] = before.get(brittle), found["peak"]
+            return [f"{found['peak']:,.0f}", f"{100.0 * (found['peak'] / last - 1.0):+.1f} %" if last else ""]
+
         for level in (1, 2, 4):
             case = Case(body, level)
             if (found := loads_of(case)) is None:
                 continue
             brittle = loads_of(Case(body, level, brittle=True))
             rows.append([
-                body, f"{case.h:g}", f"{found['first']:,.0f}", f"{found['peak']:,.0f}", f"{found['at']:.4g}",
-                f"{found['area']:.2f}", f"{found['sweeps']:,}", f"{brittle['peak']:,.0f}" if brittle else "",
+                body, f"{case.h:g}", f"{found['first']:,.0f}", *peak(found, False), f"{found['at']:.4g}",
+                f"{found['area']:.2f}", f"{found['sweeps']:,}",
+                f"{found['sweeps'] / brittle['sweeps']:.1f}" if brittle else "", *peak(brittle, True),
             ])  # fmt: skip
     return table(head, rows)
 

@@ -1,148 +1,138 @@
-"""The bar and the plate in many settings, run and timed: docs/speed_vs_error.md and its figure.
+"""Error of the peak against processor time and memory, on a beam that softens: docs/speed_vs_error.md.
 
-Each finished case is a file in runs/speed_vs_error/ and is not run again unless its deck, the number of ranks or the
-program's version changed. Run it on an idle machine; cases that shared it are marked. Kernels and fits of bond factors
-are kept in runs/speed_vs_error/cache, not in the user's cache: a case whose fit counts starts without any, one whose
-fit is "found" runs a second time where there was none.
+Each run has a folder in runs/speed_vs_error/. ``--fine`` adds the finest cells, which the reference needs. A peer's
+rows come from ``tools/benchmarks/oofem_beam``, whose output stands in runs/speed_vs_error/oofem.txt; without it the
+study says so, and draws the rest.
 """
 
 from __future__ import annotations
 
-import hashlib
-import os
-import sys
-import tempfile
-import time
-from dataclasses import asdict
-from pathlib import Path
+import re
+import resource
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-import psutil
+from tools.studies.series import DOCS, RUNS, Results, fill, parser_of, run_deck, summary_of, table
+from tools.studies.speed_vs_error.cases import DECK, FINEST, SOFT, THICKNESS, Case, cases
+from tools.studies.speed_vs_error.drawing import draw
 
-from pdfem_mpi import __version__, read_deck, write_deck
-from tools.studies.series import DOCS, JOBS, RUNS, Results, parser_of, run_deck, summary_of
-from tools.studies.speed_vs_error.cases import DECKS, Case, make_series, reference_case
-from tools.studies.speed_vs_error.report import write_report
-
-RESULTS = Results(RUNS / "speed_vs_error")
-#: Lines of a run that hold one of these are kept.
-NOTES = ("broke down", "Going on with", "no positive bond factors", "the fit of the bond factors", "unstable")
-
-
-def identity(case, ranks):
-    """What a stored result depends on: the whole deck, defaults included, the version, the ranks and the fit."""
-    deck = write_deck(read_deck(JOBS / DECKS[case.body, case.model], case.overrides))
-    return hashlib.sha256(f"{__version__}\n{ranks}\n{case.fit}\n{deck}".encode()).hexdigest()
+FOLDER = RUNS / "speed_vs_error"
+COSTS = Results(FOLDER / "costs")
+PEER = FOLDER / "oofem.txt"
+PEER_GROUP = "OOFEM, smeared cracks"
+DOCUMENT, FIGURE = DOCS / "speed_vs_error.md", DOCS / "figures" / "speed_vs_error.svg"
+PEER_LINE = re.compile(
+    r"elements of (?P<edge>\S+): .* peak (?P<peak>[\d,]+) N .* (?P<seconds>\S+) s of a processor, (?P<memory>\d+) MiB"
+)
 
 
-def run_case(case, ranks):
-    """Run a case and return what is kept of it."""
-    cache = RESULTS.folder / "cache"
-    if case.correction == "fitted" and case.fit == "fresh":
-        forget_fits(cache)
-    result = run_once(case, ranks, cache)
-    if case.fit == "found" and not found_fit(result):
-        result = run_once(case, ranks, cache)
-    if case.correction == "fitted" and found_fit(result) != (case.fit == "found"):
-        sys.exit(f"speed_vs_error: {case.name}: the fit is not {case.fit}. Does {cache} keep what is written?")
-    return result
+@dataclass(frozen=True)
+class Row:
+    """What came of a case, or of a peer: loads in N of the whole beam, processor seconds with start-up, MiB."""
+
+    group: str
+    spacing: float
+    setting: str
+    first: float | None
+    peak: float
+    sweeps: int | None
+    seconds: float
+    memory: float
 
 
-def forget_fits(cache):
-    """Remove the fits of bond factors from a cache, and leave its kernels."""
-    for path in cache.glob("bond_factors-*.npz"):
-        path.unlink()
+def run(case: Case) -> None:
+    """Run a case, and keep what it cost."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = run_deck(DECK, case.overrides(), FOLDER / case.name, "--overwrite", check=False)
+    if done.returncode:
+        print(f"{case.name} gave no result:\n{done.stdout[-500:]}{done.stderr[-500:]}", flush=True)
+        return
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    COSTS.write(case.name, None, {"seconds": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime})
 
 
-def found_fit(result):
-    """Whether a run took its bond factors from an earlier one."""
-    return bool(result["fit"] and result["fit"]["reused"])
-
-
-def run_once(case, ranks, cache):
-    """Run a case with kernels and fits in a cache."""
-    cache.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "run"
-        deck = DECKS[case.body, case.model]
-        before, own, start = psutil.cpu_times(), os.times(), time.perf_counter()
-        done = run_deck(deck, case.overrides, out, "-n", str(ranks), check=False, NUMBA_CACHE_DIR=str(cache))
-        after, spent, seconds = psutil.cpu_times(), os.times(), time.perf_counter() - start
-        busy = sum(
-            getattr(after, name, 0.0) - getattr(before, name, 0.0) for name in ("user", "system", "nice", "steal")
-        )
-        own = sum(getattr(spent, n) - getattr(own, n) for n in ("user", "system", "children_user", "children_system"))
-        summary = summary_of(out)
-        if not summary:
-            sys.exit(f"speed_vs_error: {case.name} failed.\n{' '.join(done.args)}\n{done.stdout}{done.stderr}")
-    return {
-        "case": asdict(case),
-        "status": summary["status"],
-        "reason": summary["reason"],
-        "notes": [line for line in done.stdout.splitlines() if any(words in line for words in NOTES)],
-        "sweeps": summary["solve"]["evaluations"],
-        "relative_residual": summary["solve"]["relative_residual"],
-        "fit": summary["surface_correction"]["fit"],
-        "setup_core_seconds": ranks * summary["seconds"]["setup"],
-        "solve_core_seconds": ranks * summary["seconds"]["solve"],
-        "counts": summary["counts"],
-        "probes": summary["probes"],
-        "cores": os.cpu_count(),
-        "cores_used_by_others": max(0.0, busy - own) / seconds,
-    }
-
-
-def of_earlier_build(folder, case, ranks):
-    """Return what an earlier build left of a case, marked, or None: what does not depend on the build still holds.
-
-    The case is compared by its settings, as far as there were such, and not by the deck.
-    """
-    result = Results(folder).read(case.name)
-    if result is None:
+def row_of(case: Case) -> Row | None:
+    """The row of a case; None without a result."""
+    summary, cost = summary_of(FOLDER / case.name), COSTS.read(case.name)
+    if summary.get("exit_code") != 0 or cost is None:
         return None
-    known = all(asdict(case)[name] == value for name, value in result["case"].items())
-    return result | {"earlier_build": True} if known and result["ranks"] == ranks else None
+    scale, failure = THICKNESS / case.spacing, summary["failure"]
+    memory = max(summary["memory"]["peak_bytes_per_rank"]) / 2**20
+    first, peak = (scale * failure[name]["load"] for name in ("first_break", "peak"))
+    sweeps = summary["solve"]["evaluations"]
+    return Row(case.group, case.spacing, case.setting, first, peak, sweeps, cost["seconds"], memory)
 
 
-def main(words: list[str]) -> int:
-    """Run what is left, and write the page and its figure."""
-    parser = parser_of(__doc__, quick="spacings of 0.1 and more; writes into runs/ only")
-    parser.add_argument("--ranks", type=int, default=2)
-    parser.add_argument("--earlier", type=Path, metavar="FOLDER", help="runs of an earlier build, for cases not run")
-    parser.add_argument("--busy", type=float, metavar="CORES", help="repeat cases during which others used more cores")
-    options = parser.parse_args(words)
-    series, reference = make_series(options.quick), reference_case(options.quick)
-    wanted = {reference: None}
-    for title, cases in series.items():
-        wanted |= dict.fromkeys(case.converged for case in cases if "tolerance" in title) | dict.fromkeys(cases)
-    # last what compares tolerances, and of it what takes longest
-    wanted = sorted(wanted, key=lambda case: (case.solver == "adr", case.tolerance != Case.tolerance))
-    results = {}
-    for number, case in enumerate(wanted, 1):
-        result = result_of(case, f"{number}/{len(wanted)}", options)
-        if result is None and options.earlier:
-            result = of_earlier_build(options.earlier, case, options.ranks)
-        if result is not None:
-            results[case] = result
-    if not options.dry_run:
-        folder = RESULTS.folder / "quick" if options.quick else DOCS
-        write_report(folder, series, reference, results, options.ranks)
-        print(f"wrote {folder / 'speed_vs_error.md'} from {len(results)} of {len(wanted)} cases")
-    return 0
+def peer_rows() -> list[Row]:
+    """What OOFEM gave; empty, and a sentence, where it was not run."""
+    if not PEER.exists():
+        print(f"{PEER.name} is missing: no rows of OOFEM (tools/benchmarks/oofem_beam > {PEER}).")
+        return []
+    found = PEER_LINE.finditer(PEER.read_text(encoding="utf-8"))
+    return [
+        Row(PEER_GROUP, float(m["edge"]), "", None, float(m["peak"].replace(",", "")), None,
+            float(m["seconds"]), float(m["memory"]))
+        for m in found
+    ]  # fmt: skip
 
 
-def result_of(case, label, options):
-    """The result of a case, run where it is wanted and missing, or was disturbed; None where there is none."""
-    key = identity(case, options.ranks)
-    result = RESULTS.read(case.name, key)
-    again = result and options.busy is not None and result["cores_used_by_others"] > options.busy
-    if not (result is None or again) or options.only not in case.name or options.report:
-        return result
-    print(f"{label} {case.name}", end="\n" if options.dry_run else "", flush=True)
+def richardson(coarse: float, middle: float, fine: float) -> tuple[float, float]:
+    """The limit of three peaks at cells halved twice, and how far the finest is from it.
+
+    The order is that of the three; differences that do not shrink have no limit, and the finest stands for it, with
+    the last difference as its error.
+    """
+    one, two = middle - coarse, fine - middle
+    if one == two or abs(two) >= abs(one):
+        return fine, abs(two)
+    rest = two * two / (one - two)
+    return fine + rest, abs(rest)
+
+
+def reference(rows: Sequence[Row]) -> tuple[float, float] | None:
+    """Limit of the peaks, and how far the finest cells are from it; None where there are too few.
+
+    That of the peer, an independent discretisation of the same curve, by its two finest cells and an error in the
+    square of their size; else that of bonds that soften at three cell sizes.
+    """
+    peer = sorted((row.spacing, row.peak) for row in rows if row.group == PEER_GROUP)
+    if len(peer) > 1:
+        (fine, one), (coarse, two) = peer[:2]
+        rest = (one - two) / ((coarse / fine) ** 2 - 1.0)
+        return one + rest, abs(rest)
+    peaks = {row.spacing: row.peak for row in rows if row.group == SOFT and not row.setting}
+    return richardson(*(peaks[h] for h in FINEST)) if all(h in peaks for h in FINEST) else None
+
+
+def rows_table(rows: Sequence[Row], limit: float | None) -> list[str]:
+    """All rows, each with its error."""
+    head = ["what", "cells / mm", "first break / N", "peak / N", "error %", "sweeps", "processor s", "MiB"]
+    lines = []
+    for row in rows:
+        error = "" if limit is None else f"{100.0 * (row.peak / limit - 1.0):+.1f}"
+        lines.append([
+            ", ".join(part for part in (row.group, row.setting) if part), f"{row.spacing:g}",
+            "" if row.first is None else f"{row.first:,.0f}", f"{row.peak:,.0f}", error,
+            "" if row.sweeps is None else f"{row.sweeps:,}", f"{row.seconds:.0f}", f"{row.memory:.0f}",
+        ])  # fmt: skip
+    return table(head, lines)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run what is left, fill the table and draw the figure."""
+    options = parser_of(__doc__, fine="the finest cells, too").parse_args(arguments)
+    wanted = [case for case in cases(options.fine) if options.only in case.name]
+    for case in wanted:
+        if row_of(case) is None:
+            print(case.name, flush=True)
+            if not (options.dry_run or options.report):
+                run(case)
     if options.dry_run:
-        return result
-    new = {"identity": key, "ranks": options.ranks} | run_case(case, options.ranks)
-    if not again or new["cores_used_by_others"] < result["cores_used_by_others"]:
-        result = new
-        RESULTS.write(case.name, key, result)
-    print(f"  {result['sweeps']} sweeps, {result['solve_core_seconds']:.2f} core-seconds", flush=True)
-    return result
+        return 0
+    rows = [row for case in cases(fine=True) if (row := row_of(case)) is not None] + peer_rows()
+    found = reference(rows)
+    if found is not None:
+        print(f"reference {found[0]:,.1f} N, the finest cells within {found[1]:,.1f} N of it")
+    fill(DOCUMENT, {"rows": rows_table(rows, found and found[0])})
+    draw(FIGURE, rows, found and found[0])
+    return 0

@@ -1,0 +1,14 @@
+"""Which rank of a run would have each cell, for a picture of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pdfem_mpi.body.discretization import discretize
+from pdfem_mpi.body.subdomain import partition
+from pdfem_mpi.deck.scene import Scene
+
+
+def owners_of_cells(scene: Scene, ranks: int) -> np.ndarray:
+    """Ranks of all cells in the order of the mesh, as a run on so many would have them; int32, shape (n_cells,)."""
+    return partition(discretize(scene), ranks)
