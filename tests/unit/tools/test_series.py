@@ -52,7 +52,8 @@ def test_rows_have_as_many_cells_as_there_are_headings():
 
 @pytest.mark.parametrize("name", ["failure", "failure_criterion", "memory"])
 def test_documents_have_the_markers_of_their_studies(name):
-    document = (ROOT / "docs" / {"memory": "needs", "failure_criterion": "failure"}.get(name, name)).with_suffix(".md").read_text(encoding="utf-8")
+    page = {"memory": "needs", "failure_criterion": "failure"}.get(name, name)
+    document = (ROOT / "docs" / page).with_suffix(".md").read_text(encoding="utf-8")
     assert f": tools/studies/study {name} -->" in document and "tools/studies/study" in document
     for section in (section[0] for section in failure.SECTIONS) if name == "failure" else ():
         assert f"<!-- {section}: " in document and f"<!-- end of {section} -->" in document
