@@ -129,15 +129,16 @@ def test_strength_of_a_bar(nu, width, record_property):
 
 # --- a ball and a cylinder -------------------------------------------------------------------------------
 
-CONTRASTS = (1e-3, 0.1, 1.0, 10.0, 1e3)
-#: Largest errors of mean strain, shear strain and all displacements.
-BALL = {FE: (0.2, 0.1, 0.06), PD: (0.15, 0.1, 0.06)}
+#: Bonds of another ratio than 1/4 serve one stiffness: docs/materials.md has what a contrast costs.
+CONTRASTS = {FE: (1e-3, 0.1, 1.0, 10.0, 1e3), PD: (1.0, 10.0)}
+BALLS = [(m, nu, c) for m, contrasts in CONTRASTS.items() for nu in (0.2, 0.33) for c in contrasts]
+BALLS.remove((PD, 0.2, 10.0))  # refused: its moments are beyond what is stable
+#: Largest errors of mean strain, shear strain and all displacements; 15, 7, 4 % and 7, 4, 2 % are found.
+BALL = {FE: (0.2, 0.1, 0.06), PD: (0.1, 0.06, 0.03)}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("contrast", CONTRASTS)
-@pytest.mark.parametrize("nu", [0.2, 0.33])
-@pytest.mark.parametrize("model", [FE, PD])
+@pytest.mark.parametrize(("model", "nu", "contrast"), BALLS)
 def test_ball_in_a_strained_body(model, nu, contrast, record_property):
     """Eshelby's ball of 4 cells' radius and the body's Poisson's ratio; bonds corrected by virial stresses."""
     body = ball(16, 4.0, contrast, model, nu=nu, correction="virial")
@@ -154,10 +155,11 @@ ELEMENTS = tuple(f"regions.{name}.model=finite_elements" for name in ("inclusion
 PLATE = 0.09
 
 
+PLATES = [(m, nu, c) for m in ("coupled", FE) for nu in (0.2, 0.25, 0.33) for c in (0.1, 1.0, 10.0)]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("contrast", [0.1, 1.0, 10.0])
-@pytest.mark.parametrize("nu", [0.2, 0.25, 0.33])
-@pytest.mark.parametrize("model", ["coupled", FE])
+@pytest.mark.parametrize(("model", "nu", "contrast"), [p for p in PLATES if p[1] > 0.2 or FE in p or 1.0 in p])
 def test_cylinder_in_a_plate(tmp_path, model, nu, contrast, record_property):
     """The deck with another ratio and the correction by virial stresses, beside an infinite plate in plane stress."""
     options = [
