@@ -111,6 +111,7 @@ def _ratio(shape: Shape, energy: float, lacks: float, cutoff_ratio: float) -> fl
     ratio = shape.ratio(energy)
     if not lacks:
         return ratio
+    from scipy.optimize import brentq  # 10 MiB that other decks do without
 
     def excess(candidate):
         return shape.branch(candidate).energy + lacks * dilatation_energy(shape, candidate, cutoff_ratio) - energy
