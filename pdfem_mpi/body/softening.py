@@ -106,8 +106,6 @@ def _ratio(shape: Shape, energy: float, lacks: float, cutoff_ratio: float) -> fl
 
     ``lacks`` is ``(lambda - mu) / mu``. Below `LEAST_RATIO` where there is none.
     """
-    from scipy.optimize import brentq
-
     ratio = shape.ratio(energy)
     if not lacks:
         return ratio
