@@ -5,6 +5,7 @@ from xml.sax.saxutils import quoteattr
 
 import pytest
 
+from pdfem_mpi import read_deck
 from pdfem_mpi.runs.memory_report import PARTS
 from support.helpers import ROOT, run_python
 from tools.studies import series
@@ -12,6 +13,7 @@ from tools.studies.failure import study as failure
 from tools.studies.failure_criterion import study as failure_criterion
 from tools.studies.hard_cases import study as hard_cases
 from tools.studies.memory import study as memory
+from tools.studies.softening import bodies as softening_bodies
 from tools.studies.speed_vs_error import study as speed_vs_error
 
 MARKED = "before\n<!-- one: a script -->\nold\n<!-- end of one -->\n<!-- two: a script -->\n<!-- end of two -->\n"
@@ -50,9 +52,10 @@ def test_rows_have_as_many_cells_as_there_are_headings():
         series.table(["x", "y"], [["1"]])
 
 
-@pytest.mark.parametrize("name", ["failure", "failure_criterion", "memory"])
+@pytest.mark.parametrize("name", ["failure", "failure_criterion", "softening", "memory"])
 def test_documents_have_the_markers_of_their_studies(name):
-    document = (ROOT / "docs" / {"memory": "needs"}.get(name, name)).with_suffix(".md").read_text(encoding="utf-8")
+    page = {"memory": "needs", "failure_criterion": "failure", "softening": "failure"}.get(name, name)
+    document = (ROOT / "docs" / page).with_suffix(".md").read_text(encoding="utf-8")
     assert f": tools/studies/study {name} -->" in document and "tools/studies/study" in document
     for section in (section[0] for section in failure.SECTIONS) if name == "failure" else ():
         assert f"<!-- {section}: " in document and f"<!-- end of {section} -->" in document
@@ -115,6 +118,19 @@ def test_a_study_that_does_not_exist_is_refused_with_the_names_of_those_that_do(
     assert answer.returncode == 1 and "Traceback" not in answer.stderr
     for name in ("failure", "failure_criterion", "fitted", "hard_cases", "memory", "paper", "speed_vs_error"):
         assert name in answer.stderr
+
+
+@pytest.mark.parametrize("body", softening_bodies.BODIES)
+def test_decks_of_bodies_that_soften_are_decks(body, tmp_path):
+    """Each with its mesh, of softening bonds and of brittle ones."""
+    of = softening_bodies.BODIES[body]
+    for keys in (set(of.material), {"youngs_modulus", "fracture_energy"}):
+        path = tmp_path / "deck.toml"
+        text = of.write(of.h, {key: of.material[key] for key in keys}, tmp_path)
+        path.write_text(softening_bodies.with_length(text, of.h), encoding="utf-8")
+        scene = read_deck(path)
+        assert scene.softens == ("tensile_strength" in keys)
+        assert scene.peridynamics.internal_length == of.h
 
 
 @pytest.mark.parametrize("study", [failure, failure_criterion, speed_vs_error], ids=lambda study: study.__name__)

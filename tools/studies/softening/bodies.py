@@ -109,12 +109,9 @@ def centre_crack(h: float, material: Mapping[str, float], folder: Path) -> str:
 
 def hole(h: float, material: Mapping[str, float], folder: Path) -> str:
     """2.4 x 2.0 with a hole of radius 0.4, cells that follow it."""
-    path = folder / f"hole-{h:g}.inp"
-    from tools.studies.internals import plate_with_hole
-
-    mesh = plate_with_hole([-1.2, -1.0, 0.0], [1.2, 1.0, h], 0.4, h, [])
-    write_abaqus(path, mesh.nodes.tolist(), mesh.cells.tolist(), {})
-    return _plate("hole", 1.2, 0.3, material, _file(path))
+    entries = {"kind": "plate_with_hole", "lower": [-1.2, -1.0, 0.0], "upper": [1.2, 1.0, h], "hole_radius": 0.4}
+    mesh = table("mesh", entries | {"spacing": h, "symmetry": ["z-", "z+"]})
+    return _plate("hole", 1.2, 0.3, material, mesh)
 
 
 def notch(h: float, material: Mapping[str, float], folder: Path) -> str:
