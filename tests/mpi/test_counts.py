@@ -1,4 +1,4 @@
-"""Many more ranks than cores: sums, sizes and a solution are those of one rank. Also run on 8 and 32 ranks."""
+"""Many more ranks than cores: sums, sizes, a solution and a tear are those of one rank. Also run on 8 and 32 ranks."""
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from pdfem_mpi.parallel.comm import broadcast, mpi, sum_integers, world
 from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from support.bodies import build, make_scene
+from support.failing import followed, numbers, strip
 from support.helpers import assert_all
 
 pytestmark = pytest.mark.mpi
@@ -39,3 +40,23 @@ def test_integers_are_summed_exactly_over_all_ranks():
     found = sum_integers(comm, np.array([comm.rank, large - comm.rank, 1]))
     expected = [comm.size * (comm.size - 1) // 2, comm.size * large - comm.size * (comm.size - 1) // 2, comm.size]
     assert_all(comm, found.tolist() == expected, str(found))
+
+
+ROWS = 4
+
+
+def torn(comm):
+    """First rows of a coupled strip of another ratio behind a mirror plane, and its broken bonds. Collective."""
+    scene = strip(poissons_ratio=0.4, elements=2, report_every=1)  # 48 cells
+    mesh = scene.mesh.model_copy(update={"symmetry": ("z-",)})
+    run = followed(scene.model_copy(update={"mesh": mesh}), ROWS, comm)
+    pairs = np.concatenate(run.body.model.comm.allgather(run.failure.broken_pairs()))
+    return [numbers(row) for row in run.rows], sorted(map(tuple, pairs.tolist()))
+
+
+def test_bonds_of_another_ratio_break_on_many_ranks_as_on_one():
+    comm = world()
+    rows, pairs = torn(comm)
+    expected, broken = broadcast(comm, torn(mpi().COMM_SELF) if comm.rank == 0 else None)
+    assert_all(comm, rows == expected and len(rows) == ROWS, "rows differ from those of one rank")
+    assert_all(comm, pairs == broken and len(pairs) == rows[-1]["broken"] > 0, "other bonds broke than on one rank")

@@ -65,13 +65,13 @@ def assert_outcome(folder, expected):
 
 
 def scene_of(kind):
-    program, _, kinematics = kind.partition(" ")
+    program, *options = kind.split()
     if program == "relaxation":
         return relaxed()
     if program == "cg":
         steps = {"stepping": Steps(load_factors=FACTORS), "output": Output(figures=False)}
         return make_scene((9, 3, 2), 4, solver="cg", **steps)
-    return failing(program, kinematics)
+    return failing(program, options[0], *map(float, options[1:]))
 
 
 @pytest.mark.parametrize(
@@ -86,6 +86,9 @@ def scene_of(kind):
                 ("cg", 2),
                 ("events linear", 4),
                 ("events finite", 7),
+                ("events linear 0.4", 60),
+                ("events finite 0.1", 7),
+                ("ramp finite 0.33", 7),
                 ("ramp linear", 19),
                 ("ramp finite", 7),
                 ("steps linear", 3),

@@ -17,9 +17,10 @@ pytestmark = pytest.mark.mpi(min_size=2)
 ROWS = 8
 
 
-def test_events_and_books_do_not_depend_on_the_number_of_ranks(comm):
+@pytest.mark.parametrize("nu", [0.25, 0.4])
+def test_events_and_books_do_not_depend_on_the_number_of_ranks(comm, nu):
     """Rows of the history, ids of broken bonds, local damage, and a run on one rank taken over by all."""
-    scene = notched(("x-", "y-", "z-")).model_copy(update={"output": Output(damage=True)})
+    scene = notched(("x-", "y-", "z-"), nu).model_copy(update={"output": Output(damage=True)})
     alone, books, expected = pull(scene, mpi().COMM_SELF, ROWS)
     remaining = Remaining()
     body, failure, rows = pull(

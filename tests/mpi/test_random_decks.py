@@ -17,8 +17,9 @@ from support.random_decks import random_scene
 pytestmark = pytest.mark.mpi(min_size=2)
 
 DEFAULT = (3, 5, 30, 39)
-#: What never comes to rest ends here on any number of ranks, and not minutes later (seed 19: 253,589 evaluations).
-MOST_EVALUATIONS = 5_000
+#: No load tears off what that of seed 19 pulls at: all its cells have bonds to the overlap, which never break. The load
+#: would rise a hundredfold, until elements are strained by a tenth and a solve takes thousands of evaluations.
+LAST_LOAD = {19: 2.0}
 SEEDS = [pytest.param(seed, marks=() if seed in DEFAULT else pytest.mark.slow) for seed in range(64)]
 
 
@@ -43,8 +44,9 @@ def test_results_do_not_depend_on_the_number_of_ranks(comm, mpi_tmp_path, seed):
     comm.Barrier()
     scene = random_scene(seed, folder / f"rank_{comm.rank}") if comm.rank else random_scene(seed, folder)
     scene = broadcast(comm, scene)
-    most = min(scene.solver.max_evaluations, MOST_EVALUATIONS)
-    scene = scene.model_copy(update={"solver": scene.solver.model_copy(update={"max_evaluations": most})})
+    if seed in LAST_LOAD:
+        stepping = scene.stepping.model_copy(update={"end_load_factor": LAST_LOAD[seed]})
+        scene = scene.model_copy(update={"stepping": stepping})
     alone = results(scene, mpi().COMM_SELF, folder / "alone") if comm.rank == 0 else None
     alone = broadcast(comm, alone)
     together = results(scene, comm, folder / "together")

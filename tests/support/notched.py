@@ -22,12 +22,12 @@ ROWS = 30  # of several hundred: later, bonds that are tied up to round-off brea
 CRACK = Crack(polygon=((0.0, -1.13, -9.0), (0.0, 1.13, -9.0), (0.0, 1.13, 9.0), (0.0, -1.13, 9.0)))
 
 
-def notched(faces):
+def notched(faces, nu=0.25):
     """6 x 6 x 2 cells about the origin, or the part that mirror planes at 0 leave, pulled along x."""
     lower = tuple(0.0 if f"{axis}-" in faces else -high for axis, high in zip("xyz", UPPER, strict=True))
     return Scene(
         mesh=BoxMesh(lower=lower, upper=UPPER, spacing=1.0, symmetry=faces),
-        material=Material(youngs_modulus=1000.0, critical_stretch=0.01),
+        material=Material(youngs_modulus=1000.0, poissons_ratio=nu, critical_stretch=0.01),
         regions=(Region(name="all", model="peridynamics"),),
         peridynamics=Peridynamics(kinematics="linear"),
         cracks=(CRACK,),

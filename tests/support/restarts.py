@@ -40,7 +40,7 @@ def often(**tables):
     return relaxed(checkpoint=Checkpoint(iterations=20), **tables)
 
 
-def failing(program, kinematics="linear", **tables):
+def failing(program, kinematics="linear", nu=0.25, **tables):
     """A coupled strip with an edge crack, pulled until bonds break: by events, a ramp, or steps."""
     edge = ((5.0, -1.0, -1.0), (5.0, 1.01, -1.0), (5.0, 1.01, 2.0), (5.0, -1.0, 2.0))
     stepping = {
@@ -60,7 +60,7 @@ def failing(program, kinematics="linear", **tables):
         output=Output(figures=False, damage=True),
         **tables,
     )
-    breaking = Material(youngs_modulus=YOUNGS_MODULUS, critical_stretch=0.02)
+    breaking = Material(youngs_modulus=YOUNGS_MODULUS, poissons_ratio=nu, critical_stretch=0.02)
     return Scene.model_validate({**dict(scene), "material": breaking, "stepping": stepping})
 
 

@@ -253,6 +253,15 @@ def test_a_second_run_does_not_fit_again(tmp_path):
     assert not other["surface_correction"]["fit"]["reused"]
 
 
+def test_a_second_run_does_not_fit_the_dilatation_again(tmp_path, monkeypatch):
+    """The same bits from the run folder, with no sum over the bonds."""
+    options = (*COARSE, "mesh.lower=[-0.6, -0.2, -0.2]", "mesh.upper=[0.6, 0.2, 0.2]", "probes=[]")
+    first = run_deck("bar_exact.toml", tmp_path, *options, "material.poissons_ratio=0.33")
+    monkeypatch.setattr(body_fit, "fit_dilatation", None)
+    again = run_deck("bar_exact.toml", tmp_path, *options, "material.poissons_ratio=0.33")
+    assert again["fields_sha256"] == first["fields_sha256"]
+
+
 def test_a_thin_body_gets_the_virial_correction_and_is_told_where():
     """One cell of thickness: no positive fit exists and the free one is unstable."""
     body = fitted((6, 5, 1))

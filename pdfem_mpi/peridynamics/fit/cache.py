@@ -24,7 +24,7 @@ MOST_BYTES = 4 * 2**30
 
 
 def load(folders: tuple[Path, ...], key: str) -> tuple[dict[str, Any], list[np.ndarray]] | None:
-    """The report and the multipliers, shapes (n_cells, 8, 10), of a fit; None where no folder has it whole."""
+    """The report and the multipliers, shapes (n_cells, 8, m), of a fit; None where no folder has it whole."""
     for folder in folders:
         try:
             with open(os.open(_path(folder, key), os.O_RDONLY | os.O_NONBLOCK), "rb") as opened:
@@ -40,7 +40,7 @@ def load(folders: tuple[Path, ...], key: str) -> tuple[dict[str, Any], list[np.n
 
 
 def store(folders: tuple[Path, ...], key: str, report: dict[str, Any], stored: np.ndarray) -> None:
-    """Leave a fit, multipliers of shape (n, n_cells, 8, 10), in every folder that can be written.
+    """Leave a fit, multipliers of shape (n, n_cells, 8, m), in every folder that can be written.
 
     A folder that cannot is no error.
     """

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pdfem_mpi.kernels.dense import solve as solve_dense
 from pdfem_mpi.kernels.dilatation_fit import ENTRIES, ROWS, N, add_divergence_blocks, add_divergences, write_weights
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
@@ -58,8 +59,8 @@ class DilatationFit:
 
 def fit_dilatation(
     comm, points: Points, bonds: Bonds, modulus: np.ndarray, areas: np.ndarray
-) -> tuple[Bonds, DilatationFit]:
-    """The same bonds, whose volumetric part has fitted weights. Collective.
+) -> tuple[Bonds, DilatationFit, list[np.ndarray]]:
+    """The same bonds, whose volumetric part has fitted weights; what was reached; and multipliers. Collective.
 
     Parameters
     ----------
@@ -69,12 +70,19 @@ def fit_dilatation(
         Young's modulus of bonds, `MaterialTable.own_bond_modulus`.
     areas : float64, shape (n_owned * 8, 3), dimension length^2
         Compatible area vectors of the owned points.
+
+    Returns
+    -------
+    bonds : Bonds
+    fit : DilatationFit
+    multipliers : list of float64, shapes (n_owned_clusters, 9, 4)
+        With which `write_dilatation` gives the same bonds once more.
     """
     system = _System(comm, points, bonds, modulus)
     goal = np.zeros((system.n, N, W))
     goal[:, 0:3] = 10.0 * SHEAR * points.volume.reshape(-1, 1, W)[: system.n]
     goal[:, 6:9] = -10.0 * SHEAR * areas.reshape(-1, W, 3).swapaxes(1, 2)
-    iterations = 0
+    iterations, multipliers = 0, []
     for turn, fraction in enumerate((0.0, *LONG_BONDS)):
         nearest = (fraction * bonds.cutoff) ** 2
         system.precondition_for(nearest)
@@ -87,10 +95,19 @@ def fit_dilatation(
         if not first and not reached <= LEAST_REFINEMENT:
             break
         system.write(v)
+        multipliers.append(v)
     miss, size = (np.abs(each).max(initial=0.0) for each in (goal - system.sums(), goal))
     peak, scale = largest(comm, np.array([miss, size])).tolist()
-    part = replace(bonds.volumetric, weights=system.weights, largest_weight=system.top)
-    return replace(bonds, volumetric=part), DilatationFit(iterations, peak / (scale or 1.0), system.top)
+    return system.bonds_with_weights(), DilatationFit(iterations, peak / (scale or 1.0), system.top), multipliers
+
+
+def write_dilatation(comm, points: Points, bonds: Bonds, modulus: np.ndarray, multipliers: list[np.ndarray]) -> Bonds:
+    """The bonds that an earlier `fit_dilatation` gave, by its multipliers. Collective."""
+    system = _System(comm, points, bonds, modulus)
+    for v, fraction in zip(multipliers, (0.0, *LONG_BONDS), strict=False):
+        system.nearest = (fraction * bonds.cutoff) ** 2
+        system.write(v)
+    return system.bonds_with_weights()
 
 
 class _System:
@@ -130,9 +147,9 @@ class _System:
         above = np.triu_indices(N)
         block[:, above[0], above[1]] = packed
         block[:, above[1], above[0]] = packed
-        trace = np.einsum("naa->n", block)
+        trace = block[:, range(N), range(N)].sum(axis=1)
         block[:, range(N), range(N)] += (PIN * trace + 1e-300)[:, None]
-        self.inverse = np.linalg.inv(block)
+        self.inverse = solve_dense(block, np.broadcast_to(np.eye(N), block.shape))
 
     def precondition(self, r: np.ndarray) -> np.ndarray:
         """``B^-1 r``, entry by entry: the same bits whatever stands beside."""
@@ -150,6 +167,11 @@ class _System:
             numbers = *rows.arrays, self.T.reshape(-1), self.bonds.finite, self.nearest
             top = max(top, write_weights(*numbers, weights))
         self.top = float(largest(self.comm, np.array([top]))[0])
+
+    def bonds_with_weights(self) -> Bonds:
+        """The bonds, whose volumetric part has the weights as they are."""
+        part = replace(self.bonds.volumetric, weights=self.weights, largest_weight=self.top)
+        return replace(self.bonds, volumetric=part)
 
     def _load(self, v: np.ndarray) -> None:
         self.T[: self.n, 3:12] = v

@@ -6,19 +6,19 @@ their equations. Such a scene gets the correction by the virial stress instead, 
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.kernels.monomials import N
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import broadcast
 from pdfem_mpi.parallel.slabs import gather_rows
 from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.fit import cache as factor_cache
-from pdfem_mpi.peridynamics.fit.dilatation import DilatationFit, fit_dilatation
+from pdfem_mpi.peridynamics.fit.dilatation import DilatationFit, fit_dilatation, write_dilatation
 from pdfem_mpi.peridynamics.fit.equations import fit_factors, write_factors
 from pdfem_mpi.peridynamics.fit.grid import MOST_ENTRIES, make_factor_grid
 from pdfem_mpi.peridynamics.fit.outcome import Fit
@@ -26,6 +26,8 @@ from pdfem_mpi.peridynamics.points import Points
 
 #: Counts up whenever the algorithm gives other numbers: fits of before are not used again.
 VERSION = 9
+#: The same of the weights of the dilatation.
+DILATATION_VERSION = 1
 #: Sweeps over the bonds that a fit takes on bodies of cubes, and bonds a second and core, all work between included.
 EXPECTED_SWEEPS, SWEEP_RATE = {"free": 180, "bounded": 330}, 7.5e7
 #: The run warns of a residual above the first, and does not use a fit above the second: some factors are then in the
@@ -94,12 +96,10 @@ def fit_body(
     found = broadcast(comm, factor_cache.load(folders, key) if comm.rank == 0 else None)
     if found is not None:
         report, stored = found
-        number = share.point_row[cells]
-        multipliers = [
-            np.ascontiguousarray(rows.reshape(-1, 2, W, N)[number].swapaxes(2, 3)).reshape(-1, N, W) for rows in stored
-        ]
+        multipliers = _spread(share.point_row[cells], stored)
         bonds = write_factors(comm, points, bonds, materials.own_bond_modulus, multipliers, signs == "bounded")
-        return _with_dilatation(comm, share, points, bonds, _outcome(Fit(**report), True, key, n_bodies))
+        outcome = _outcome(Fit(**report), True, key, n_bodies)
+        return _with_dilatation(comm, share, points, bonds, outcome, folders)
 
     areas, change, slack = boundaries.areas_and_slack(signs == "bounded")
     slack = slack[cells].reshape(-1)
@@ -115,17 +115,33 @@ def fit_body(
         stored = _gathered(comm, share.point_row[cells], multipliers, n_cells)
         if stored is not None:
             factor_cache.store(folders, key, asdict(fit), stored)
-    return _with_dilatation(comm, share, points, bonds, _outcome(fit, False, key, n_bodies))
+    return _with_dilatation(comm, share, points, bonds, _outcome(fit, False, key, n_bodies), folders)
 
 
-def _with_dilatation(comm, share: Share, points: Points, bonds: Bonds, outcome: BodyFit) -> tuple[Bonds, BodyFit]:
-    """Fit the weights of the dilatation too, where there is a volumetric part and factors that serve. Collective."""
+def _with_dilatation(
+    comm, share: Share, points: Points, bonds: Bonds, outcome: BodyFit, folders: tuple[Path, ...]
+) -> tuple[Bonds, BodyFit]:
+    """Fit the weights of the dilatation too, or take earlier ones, where there is a volumetric part. Collective.
+
+    They depend on the factors, and are named by the fingerprint of their fit.
+    """
     if bonds.volumetric is None or outcome.fit is None:
         return bonds, outcome
-    areas, _, _ = share.boundaries.areas_and_slack(False)
     cells = np.concatenate([share.subdomain.free, share.subdomain.overlap])
-    modulus = share.materials.own_bond_modulus
-    bonds, found = fit_dilatation(comm, points, bonds, modulus, areas[cells].reshape(-1, 3))
+    number, modulus = share.point_row[cells], share.materials.own_bond_modulus
+    key = hashlib.sha256(f"{outcome.fingerprint} dilatation {DILATATION_VERSION}".encode()).hexdigest()
+    known = broadcast(comm, factor_cache.load(folders, key) if comm.rank == 0 else None)
+    if known is not None:
+        report, stored = known
+        found = DilatationFit(**report)
+        bonds = write_dilatation(comm, points, bonds, modulus, _spread(number, stored))
+    else:
+        areas, _, _ = share.boundaries.areas_and_slack(False)
+        bonds, found, multipliers = fit_dilatation(comm, points, bonds, modulus, areas[cells].reshape(-1, 3))
+        if folders:
+            stored = _gathered(comm, number, multipliers, share.counts.point_cells)
+            if stored is not None:
+                factor_cache.store(folders, key, asdict(found), stored)
     notes = outcome.notes
     if found.residual > POOR:
         notes += (
@@ -136,14 +152,21 @@ def _with_dilatation(comm, share: Share, points: Points, bonds: Bonds, outcome: 
 
 
 def _gathered(comm, number: np.ndarray, multipliers: list[np.ndarray], n_cells: int) -> np.ndarray | None:
-    """Multipliers of all points in global order, (n, n_cells, 8, 10); None except on rank 0. Collective."""
-    stored = np.empty((len(multipliers), n_cells, 8, N)) if comm.rank == 0 else None
+    """Multipliers of all points in global order, (n, n_cells, 8, m); None except on rank 0. Collective."""
+    m = multipliers[0].shape[1]
+    stored = np.empty((len(multipliers), n_cells, 8, m)) if comm.rank == 0 else None
     for k, v in enumerate(multipliers):
-        rows = np.ascontiguousarray(v.reshape(-1, 2, N, W).swapaxes(2, 3)).reshape(-1, 8, N)
+        rows = np.ascontiguousarray(v.reshape(-1, 2, m, W).swapaxes(2, 3)).reshape(-1, 8, m)
         gathered = gather_rows(comm, number, rows, n_cells)
         if stored is not None:
             stored[k] = gathered
     return stored
+
+
+def _spread(number: np.ndarray, stored: list[np.ndarray]) -> list[np.ndarray]:
+    """Multipliers of the owned points, shapes (n_owned_clusters, m, 4), from those of `_gathered`."""
+    m = stored[0].shape[-1]
+    return [np.ascontiguousarray(rows.reshape(-1, 2, W, m)[number].swapaxes(2, 3)).reshape(-1, m, W) for rows in stored]
 
 
 def _make_grids(comm, share: Share, cells: np.ndarray, points: Points, slack: np.ndarray, omega):

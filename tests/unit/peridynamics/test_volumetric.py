@@ -87,7 +87,7 @@ def test_bonds_between_materials(kinematics):
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-3, 5e-2])
-@pytest.mark.parametrize("nu", [0.0, 0.33, 0.45])
+@pytest.mark.parametrize("nu", [0.1, 0.33, 0.45])
 def test_the_tangent_is_the_derivative_of_the_forces(nu, size):
     body = body_of(nu, "finite")
     u, v, w = (displaced(body, s, seed) for seed, s in enumerate((size, 1.0, 1.0)))

@@ -365,8 +365,8 @@ def test_what_a_load_tears_off_swings_until_it_rests():
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"loads": DEAD, "supports": ()}, {"control": "energy"}, {"loads": CHIP}],
-    ids=["pulled", "dead", "energy", "chip"],
+    [{}, {"loads": DEAD, "supports": ()}, {"control": "energy"}, {"loads": CHIP}, {"poissons_ratio": 0.4}],
+    ids=["pulled", "dead", "energy", "chip", "another ratio"],
 )
 def test_a_program_goes_on_from_its_state(options):
     """A program taken up again from its state gives the rows of one that went through."""

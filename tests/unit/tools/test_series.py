@@ -116,7 +116,8 @@ def test_groups_of_the_memory_table_have_each_part_once():
 def test_a_study_that_does_not_exist_is_refused_with_the_names_of_those_that_do():
     answer = run_python("tools/studies/study", "nothing")
     assert answer.returncode == 1 and "Traceback" not in answer.stderr
-    for name in ("failure", "failure_criterion", "fitted", "hard_cases", "memory", "paper", "speed_vs_error"):
+    names = "failure", "failure_criterion", "fitted", "hard_cases", "materials", "memory", "paper", "speed_vs_error"
+    for name in names:
         assert name in answer.stderr
 
 
