@@ -50,7 +50,8 @@ HOMES = {
 }
 # Imports inside functions: MPI starts when imported, the command line prepares the environment first,
 # and only rank 0 loads the libraries of the files that were asked for.
-# Few runs read a mesh file. Parts of scipy take 0.1 to 0.2 s of processor time on each rank, and few scenes need them.
+# Few runs read a mesh file, or seek the law of bonds that soften. Parts of scipy take 0.1 to 0.2 s of processor time on
+# each rank, and few scenes need them.
 LATE_IMPORTS = {
     ("parallel.comm", "mpi4py"),
     ("command.cli", "pdfem_mpi"),
