@@ -23,6 +23,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
+from pdfem_mpi.kernels.dense import eigen, product
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, REFERENCE_NODES
 from pdfem_mpi.mesh.faces import match_faces, outer_faces
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh
@@ -153,9 +154,9 @@ def restore_compatibility(
     of_changeable = scaled[changeable]
     gram = sum(_gram(conditions(of_changeable[k : k + BATCH])) for k in range(0, len(of_changeable), BATCH))
     size = 1.0 / np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
-    values, vectors = np.linalg.eigh(size[:, None] * gram * size)
+    values, vectors = eigen(size[:, None] * gram * size)
     usable = values > INDEPENDENT * values[-1]
-    inverse = size[:, None] * (vectors[:, usable] / values[usable]) @ vectors[:, usable].T * size
+    inverse = size[:, None] * product(vectors[:, usable] / values[usable], vectors[:, usable].T) * size
     change = np.zeros_like(areas)
     for _ in range(TURNS):
         defect = np.zeros(len(gram))
@@ -164,10 +165,10 @@ def restore_compatibility(
             rows, part = conditions(scaled[k : k + BATCH]), slice(k, k + BATCH)
             defect[:n_works] += _work(rows[:n_works], areas[part] + change[part])
             defect[n_works:] += _work(rows[n_works:], change[part])
-        amounts = -inverse @ defect
+        amounts = -product(inverse, defect)
         correction = np.zeros_like(of_changeable)
         for k in range(0, len(correction), BATCH):
-            correction[k : k + BATCH] = np.tensordot(amounts, conditions(of_changeable[k : k + BATCH]), axes=1)
+            correction[k : k + BATCH] = product(amounts, conditions(of_changeable[k : k + BATCH]))
         change[changeable] += correction
     return areas + change, float(np.sqrt((change**2).sum() / (areas**2).sum()))
 
@@ -204,7 +205,7 @@ def _quadratic_fields(x: np.ndarray) -> np.ndarray:
     for k, (a, b) in enumerate(((0, 0), (1, 1), (0, 1), (1, 2), (2, 0))):  # a multiple of 1 turns nothing
         symmetric = np.zeros((3, 3))
         symmetric[a, b] = symmetric[b, a] = 1.0
-        rows[k] = np.cross(x, x @ symmetric)
+        rows[k] = np.cross(x, product(x, symmetric))
     square = (x**2).sum(axis=1)
     for d in range(3):
         rows[5 + d] = -x * x[:, [d]]
@@ -218,8 +219,9 @@ def _divergences(moments: np.ndarray, centre: np.ndarray, half: float) -> np.nda
 
 
 def _work(rows: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    return np.tensordot(rows, vectors, axes=2)
+    return product(rows.reshape(len(rows), -1), vectors.reshape(-1))
 
 
 def _gram(rows: np.ndarray) -> np.ndarray:
-    return np.tensordot(rows, rows, axes=((1, 2), (1, 2)))
+    rows = rows.reshape(len(rows), -1)
+    return product(rows, rows.T)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pdfem_mpi.body.areas import Boundary, area_vectors, find_boundary, restore_compatibility
 from pdfem_mpi.body.discretization import Discretization
@@ -118,7 +117,7 @@ def _moments(discretization: Discretization, number: int) -> np.ndarray:
     """Volume and first moments of the points of a body, model units; float64, shape (4,)."""
     corners = discretization.nodes[discretization.mesh.cells[discretization.body == number]]
     w, x = gauss_volumes(corners).reshape(-1), gauss_positions(corners).reshape(-1, 3)
-    return np.append(w.sum(), w @ x)
+    return np.append(w.sum(), (w[:, None] * x).sum(axis=0))
 
 
 def compatible_areas(discretization: Discretization, boundary: Boundary) -> tuple[np.ndarray, float]:
@@ -155,6 +154,8 @@ def skewed_corners(discretization: Discretization, boundary: Boundary) -> np.nda
     All bonds of a corner's point lie in one octant of a regular grid. Their xyz moment has to vanish, which positive
     factors can only do where points lie exactly in its planes.
     """
+    from scipy.spatial import cKDTree
+
     mesh = discretization.mesh
     corners = np.flatnonzero(np.bincount(boundary.cell, minlength=len(mesh.cells)) >= 3)
     nodes = discretization.nodes[mesh.cells]

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pdfem_mpi.body.describing import describe
 from pdfem_mpi.body.discretization import Discretization
@@ -168,6 +167,8 @@ _NO_SUBDOMAIN = Subdomain(*[_NONE] * 10)
 
 def _chosen(scene: Scene, elements: Discretization, turning: Turning, cracked: np.ndarray) -> np.ndarray:
     """Cells near what the turning names; bool, shape (n_cells,)."""
+    from scipy.spatial import cKDTree
+
     mesh, length = elements.mesh, elements.units.length
     seeds = np.zeros(len(mesh.cells), bool)
     seeds[turning.near_cells] = True
@@ -183,6 +184,8 @@ def _chosen(scene: Scene, elements: Discretization, turning: Turning, cracked: n
 
 def _within(centroids: np.ndarray, chosen: np.ndarray, radius: float) -> np.ndarray:
     """Cells whose centroid is within a radius of that of a chosen one; bool, shape (n_cells,)."""
+    from scipy.spatial import cKDTree
+
     if not chosen.any() or chosen.all():
         return chosen.copy()
     bound = radius * (1.0 + DISTANCE_TOLERANCE)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pdfem_mpi.kernels.dense import lengths, solve
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, shape_functions, shape_gradients
 
 #: Newton's method inside a hexahedron converges in a handful of steps; this ends it where the place is far outside.
@@ -106,7 +107,7 @@ def locate(body: Any, point: np.ndarray) -> tuple[dict[int, np.ndarray], float]:
     corners = mesh.nodes[mesh.cells[near]]
     local = _reference_coordinates(corners, point)
     nearest = (shape_functions(np.clip(local, -1.0, 1.0))[:, :, None] * corners).sum(axis=1)
-    beyond = np.linalg.norm(nearest - point, axis=1)
+    beyond = lengths(nearest - point)
     outside = float(beyond.min())
     chosen = np.flatnonzero(beyond <= outside + mesh.tolerance)
     chosen = [k for k in chosen if body.has_nodes[near[k]]][:1] or chosen
@@ -119,7 +120,7 @@ def _reference_coordinates(corners: np.ndarray, point: np.ndarray) -> np.ndarray
     for _ in range(NEWTON_STEPS):
         miss = point - (shape_functions(rst)[:, :, None] * corners).sum(axis=1)
         jacobian = (corners[:, :, :, None] * shape_gradients(rst)[:, :, None, :]).sum(axis=1)
-        step = np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0]
+        step = solve(jacobian, miss[:, :, None])[:, :, 0]
         rst = np.clip(rst + step, -3.0, 3.0)
         if np.abs(step).max() < 1e-13:
             break

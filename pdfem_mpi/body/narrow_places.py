@@ -12,6 +12,7 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.kernels.dense import lengths, product
 from pdfem_mpi.kernels.hex8 import gauss_positions
 
 #: A node is on a point or a line within this part of the shortest edge.
@@ -73,7 +74,7 @@ def spread(whole: Discretization, entry: Any, where: str) -> tuple[np.ndarray, n
         of_nodes, of_points = np.ones(len(nodes)), np.ones(len(points))
     else:
         start, way = np.array(entry.line[0]), np.array(entry.line[1]) - np.array(entry.line[0])
-        along = (mesh.nodes - start) @ way
+        along = product(mesh.nodes - start, way)
         of_nodes = _tributary(along[nodes])
         cells, which, count = np.unique(points[:, 0], return_inverse=True, return_counts=True)
         lengths = np.ptp(along[mesh.cells[cells]], axis=1) if len(cells) else np.empty(0)
@@ -104,16 +105,16 @@ def _nearest_points(whole: Discretization, cells: np.ndarray, ends: Any) -> np.n
     offset = offset[cell, g]
     first = np.round(offset / (AS_NEAR * whole.mesh.smallest_edge))
     first = offset[np.lexsort(first.T[::-1])[0]]
-    size = np.linalg.norm(offset, axis=1) * np.linalg.norm(first)
-    side = offset @ first >= SAME_SIDE * size
+    size = lengths(offset) * lengths(first)
+    side = product(offset, first) >= SAME_SIDE * size
     return np.column_stack([cells[cell[side]], g[side]])
 
 
 def _from_line(x: np.ndarray, start: Any, stop: Any) -> tuple[np.ndarray, np.ndarray]:
     """Distances of places (n, 3) from a straight line with two ends, and their offsets from it, (n, 3)."""
     start, way = np.array(start), np.array(stop) - np.array(start)
-    square = float(way @ way)
-    share = np.clip((x - start) @ way / square, 0.0, 1.0) if square else np.zeros(len(x))
+    square = float((way * way).sum())
+    share = np.clip(product(x - start, way) / square, 0.0, 1.0) if square else np.zeros(len(x))
     offset = x - start - share[:, None] * way
     return np.sqrt((offset**2).sum(axis=1)), offset
 

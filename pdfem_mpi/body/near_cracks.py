@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.kernels.dense import lengths, product
 from pdfem_mpi.mesh.hexmesh import HexMesh
 
 
@@ -35,13 +36,13 @@ def distance_to_polygon(x: np.ndarray, corners: np.ndarray) -> np.ndarray:
     nearest = np.full(len(x), np.inf)
     for a, b in zip(corners, ends, strict=True):
         way = b - a
-        along = np.clip((x - a) @ way / max(float(way @ way), np.finfo(float).tiny), 0.0, 1.0)
-        nearest = np.minimum(nearest, np.linalg.norm(x - a - along[:, None] * way, axis=1))
+        along = np.clip(product(x - a, way) / max(float(product(way, way)), np.finfo(float).tiny), 0.0, 1.0)
+        nearest = np.minimum(nearest, lengths(x - a - along[:, None] * way))
     normal = np.cross(corners - corners[0], ends - corners[0]).sum(axis=0)
-    size = np.linalg.norm(normal)
+    size = lengths(normal)
     if not size > 0.0:
         return nearest
-    height = (x - corners[0]) @ (normal / size)
+    height = product(x - corners[0], normal / size)
     return np.where(_inside(x, corners, ends, normal), np.minimum(np.abs(height), nearest), nearest)
 
 

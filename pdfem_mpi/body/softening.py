@@ -6,7 +6,6 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from pdfem_mpi.body.materials import bond_materials, bond_stretches, materials_of
 from pdfem_mpi.body.softening_law import Shape, Teeth, brittle, make_teeth, strength_factor
@@ -110,6 +109,7 @@ def _ratio(shape: Shape, energy: float, lacks: float, cutoff_ratio: float) -> fl
     ratio = shape.ratio(energy)
     if not lacks:
         return ratio
+    from scipy.optimize import brentq  # 10 MiB that other decks do without
 
     def excess(candidate):
         return shape.branch(candidate).energy + lacks * dilatation_energy(shape, candidate, cutoff_ratio) - energy

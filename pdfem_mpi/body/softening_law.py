@@ -16,6 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdfem_mpi.body.quadrature import gauss_legendre, in_steps
+
 #: Bonds within a cone, by the cosine to its axis: of the response of a uniform body.
 DIRECTIONS = 200
 #: Strains, in units of s_t, among which the strength of a body is sought, and their number. With a drop it is reached
@@ -129,7 +131,7 @@ def make_teeth(branch: Branch, tooth_ratio: float, first: float = 1.0) -> Teeth:
     """
     ratio = branch.ratio
     n = max(1, round(math.log(ratio) / math.log(tooth_ratio)))
-    points = ratio ** (np.arange(n + 1) / n)
+    points = np.array([ratio ** (k / n) for k in range(n + 1)])
     stiffness = np.interp(points, branch.stretch, branch.force) / points
     stiffness[-1] = 0.0
     limit = np.sqrt(points[:-1] * points[1:])
@@ -157,7 +159,7 @@ def strength_factor(teeth: Teeth, poissons_ratio: float = 0.25) -> float:
     """
     lacks = (4.0 * poissons_ratio - 1.0) / (1.0 - 2.0 * poissons_ratio)
     modulus = 2.0 * (1.0 + poissons_ratio)
-    nodes, weights = np.polynomial.legendre.leggauss(DIRECTIONS)
+    nodes, weights = gauss_legendre(DIRECTIONS)
     along, weight = (0.5 * (nodes + 1.0)) ** 2, 0.5 * weights  # squares of the cosines
     limit = teeth.limit / teeth.limit[0]
     largest, most = np.zeros(DIRECTIONS), 0.0
@@ -168,16 +170,16 @@ def strength_factor(teeth: Teeth, poissons_ratio: float = 0.25) -> float:
         left = weight * teeth.stiffness[tooth]
         force = left * stretch
         if lacks:
-            force += 0.6 * lacks * float(left @ stretch) * left
+            force += 0.6 * lacks * float((left * stretch).sum()) * left
         return stretch, force
 
-    for strain in np.geomspace(LEAST_STRAIN, MOST_STRAIN, STRAINS):
+    for strain in in_steps(LEAST_STRAIN, MOST_STRAIN, STRAINS):
         low, high = -strain, 3.0 * strain
         for _ in range(HALVINGS):  # the more the body contracts, the less its bonds pull across
             middle = 0.5 * (low + high)
-            pulls = response(strain, middle)[1] @ (1.0 - along) > 0.0
+            pulls = (response(strain, middle)[1] * (1.0 - along)).sum() > 0.0
             low, high = (middle, high) if pulls else (low, middle)
         stretch, force = response(strain, 0.5 * (low + high))
         largest = np.maximum(largest, stretch)
-        most = max(most, 15.0 / modulus * float(force @ along))
+        most = max(most, 15.0 / modulus * float((force * along).sum()))
     return most

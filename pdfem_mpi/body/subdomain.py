@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pdfem_mpi.body.counts import too_many_ranks
 from pdfem_mpi.body.discretization import Discretization
@@ -87,6 +86,8 @@ def _neighbours(discretization: Discretization, block: int = 0, n_blocks: int = 
     chosen = _centroids(discretization)[discretization.has_points]
     counts = np.zeros(len(chosen), np.int64)
     if len(chosen):
+        from scipy.spatial import cKDTree
+
         _, _, images = near_images(discretization, chosen, chosen)
         tree = cKDTree(np.concatenate([chosen, images]))
         first, last = (len(chosen) * k // n_blocks for k in (block, block + 1))
@@ -207,6 +208,8 @@ def _ghost_cells(discretization, owner, rank, order) -> np.ndarray:
     (centre, radius), (owned_centre, owned_radius) = (_cell_balls(discretization, some) for some in (others, mine))
     if not len(others):
         return np.empty(0, np.int64)
+    from scipy.spatial import cKDTree
+
     widest = max(radius.max(), owned_radius.max())
     distance, _ = cKDTree(owned_centre).query(centre, distance_upper_bound=discretization.cutoff + 2.0 * widest)
     near = np.isfinite(distance)
@@ -229,6 +232,8 @@ def _image_cells(discretization, owned, ghosts) -> tuple[np.ndarray, np.ndarray]
     """Cells with a mirror image within the cutoff radius of an owned cell, or nearly so, and the reflections."""
     if not discretization.mirrors or not len(owned):
         return np.empty(0, np.int64), np.empty(0, np.int64)
+    from scipy.spatial import cKDTree
+
     cells = np.concatenate([owned, ghosts])
     centre, radius = _cell_balls(discretization, cells)
     own = slice(0, len(owned))

@@ -21,10 +21,11 @@ stretch grows: ``theta`` is bounded by ``s_t``, however far a crack opens.
 from __future__ import annotations
 
 import functools
+import math
 
 import numpy as np
-from scipy.optimize import least_squares
 
+from pdfem_mpi.body.quadrature import gauss_legendre, in_steps
 from pdfem_mpi.body.softening_law import Shape
 from pdfem_mpi.deck.softening import DROP
 
@@ -59,9 +60,10 @@ def transmitted(shape: Shape, ratio: float, first: float, energy: float, length:
     m, wm = _gauss(DIRECTIONS, 1.0)
     stretch = np.asarray(opening)[:, None, None] / length * m / r[:, None] / first
     force = np.where(stretch < 1.0, stretch, np.interp(stretch, branch.stretch, branch.force, right=0.0))
-    weights = (wr * r**3 * np.exp(-(r**2)))[:, None] * (wm * m**2)
+    third, fourth = _moments(r, wr)
+    weights = third[:, None] * (wm * m**2)
     # the integral over all openings: m / r dw = ds
-    whole = 0.5 * first * branch.energy * float((wr * r**4 * np.exp(-(r**2))).sum()) * float((wm * m).sum())
+    whole = 0.5 * first * branch.energy * float(fourth.sum()) * float((wm * m).sum())
     return (force * weights).sum(axis=(1, 2)) * energy / (whole * length)
 
 
@@ -83,6 +85,8 @@ def fit_curve(curve, modulus: float, unit_energy: float, length: float, cutoff_r
 
 @functools.cache
 def _fit(curve, modulus, unit_energy, length, cutoff_ratio) -> tuple[float, float]:
+    from scipy.optimize import least_squares  # 10 MiB that other decks do without
+
     opening, traction = np.array(curve).T
     energy, first = curve_energy(curve), traction[0] / modulus
     places = (np.arange(OPENINGS) + 0.5) / OPENINGS * opening[-1] * 1.25
@@ -107,19 +111,20 @@ def dilatation_energy(shape: Shape, ratio: float, cutoff_ratio: float) -> float:
     branch = shape.branch(ratio)
     r, wr = _gauss(LENGTHS, cutoff_ratio)
     m, wm = _gauss(DIRECTIONS, 1.0)
-    weights = ((wr * r**3 * np.exp(-(r**2)))[:, None] * wm).reshape(-1)
+    third, fourth = _moments(r, wr)
+    weights = (third[:, None] * wm).reshape(-1)
     height, per_opening = (r[:, None] * m).reshape(-1), (m / r[:, None]).reshape(-1)
     downwards = np.argsort(-height, kind="stable")
     depth = -np.diff(np.append(height[downwards], 0.0))
-    opening = np.geomspace(LEAST_OPENING, MOST_OPENING * ratio, WIDTHS)
+    opening = np.array(in_steps(LEAST_OPENING, MOST_OPENING * ratio, WIDTHS))
     stored = np.empty(WIDTHS)
     for k, width in enumerate(opening):
         s = width * per_opening
         force = np.where(s < 1.0, s, np.interp(s, branch.stretch, branch.force, right=0.0))
         theta = 3.0 * np.cumsum((weights * force)[downwards])
         stored[k] = (theta * theta * depth).sum()
-    whole = 15.0 * float((wr * r**4 * np.exp(-(r**2))).sum()) * float((wm * m).sum())
-    return float(2.0 * np.trapezoid(stored, np.log(opening))) / whole
+    whole = 15.0 * float(fourth.sum()) * float((wm * m).sum())
+    return float(2.0 * np.trapezoid(stored, [math.log(width) for width in opening])) / whole
 
 
 def curve_energy(curve) -> float:
@@ -128,6 +133,12 @@ def curve_energy(curve) -> float:
     return float(np.trapezoid(traction, opening))
 
 
+def _moments(r: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of a quadrature over lengths, times ``r^3 exp(-r^2)`` and ``r^4 exp(-r^2)``."""
+    third = weight * (r * r * r) * np.array([math.exp(-length * length) for length in r])
+    return third, third * r
+
+
 def _gauss(n: int, end: float) -> tuple[np.ndarray, np.ndarray]:
-    nodes, weights = np.polynomial.legendre.leggauss(n)
+    nodes, weights = gauss_legendre(n)
     return 0.5 * end * (nodes + 1.0), 0.5 * end * weights

@@ -71,8 +71,8 @@ def start_world(ranks: int | None) -> Any:
         )
     # before numba loads: a rank whose own look at the cache went otherwise compiles where the others of its node do
     os.environ["NUMBA_CACHE_DIR"] = parallel.same_on_node(comm, os.environ["NUMBA_CACHE_DIR"])
-    if note:
-        print_problems([f"pdfem: note: {note}"], comm.rank)
+    if notes := [text for text in (note, launch.slow_processor()) if text]:
+        print_problems([f"pdfem: note: {text}" for text in notes], comm.rank)
     return comm
 
 

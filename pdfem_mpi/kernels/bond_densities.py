@@ -3,7 +3,8 @@
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.simd import W, fma, iadd, ihsum, load, magnitude, root, splat, store
+from pdfem_mpi.kernels.bond_response import AHEAD
+from pdfem_mpi.kernels.simd import W, fma, iadd, ihsum, load, magnitude, prefetch, root, splat, store
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
@@ -46,6 +47,7 @@ def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite, mater
             dx = magnitude(load(S, b + 3 * W) - splat(S[own + 3 * W]))
             dy = magnitude(load(S, b + 4 * W) - splat(S[own + 4 * W]))
             dz = magnitude(load(S, b + 5 * W) - splat(S[own + 5 * W]))
+            prefetch(row_data, row * stride + AHEAD)
             k = magnitude(load(row_data, row * stride))  # fitted factors may be negative
             if finite:
                 k = k * root(load(row_data, row * stride + W))
@@ -94,6 +96,7 @@ def add_family_sums(row_start, row_offset, row_data, S, SI, pattern, finite, mat
             dz = load(S, b + 5 * W) - splat(S[own + 5 * W])
             square = fma(dx, dx, fma(dy, dy, dz * dz))
             r = root(square)
+            prefetch(row_data, row * stride + AHEAD)
             k = magnitude(load(row_data, row * stride)) * r
             k = k + k if finite else k * square
             s = splat(scale[material[c], material[b // (9 * W)]]) if several else one

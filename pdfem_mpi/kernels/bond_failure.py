@@ -10,8 +10,9 @@ import math
 import numpy as np
 from numba import njit, types
 
+from pdfem_mpi.kernels.bond_response import AHEAD
 from pdfem_mpi.kernels.exact_sums import BLOCK, BLOCKS, add_terms, carry
-from pdfem_mpi.kernels.simd import W, above, both, fma, hmax, isub, largest, load, root, splat, store
+from pdfem_mpi.kernels.simd import W, above, both, fma, hmax, isub, largest, load, prefetch, root, splat, store
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 _golden, _mix_1, _mix_2 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
@@ -105,6 +106,7 @@ def add_energies(row_start, row_offset, row_data, S, finite, digits):
             gx = load(S, b + 3 * W) - splat(S[own + 3 * W])
             gy = load(S, b + 4 * W) - splat(S[own + 4 * W])
             gz = load(S, b + 5 * W) - splat(S[own + 5 * W])
+            prefetch(row_data, row * stride + AHEAD)
             k = load(row_data, row * stride)
             work = fma(dx, gx, fma(dy, gy, dz * gz))
             if finite:

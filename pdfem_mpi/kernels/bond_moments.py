@@ -18,6 +18,7 @@ import math
 import numpy as np
 from numba import njit, types
 
+from pdfem_mpi.kernels.bond_response import AHEAD
 from pdfem_mpi.kernels.monomials import N
 from pdfem_mpi.kernels.simd import (
     W,
@@ -32,6 +33,7 @@ from pdfem_mpi.kernels.simd import (
     largest,
     load,
     magnitude,
+    prefetch,
     root,
     splat,
     store,
@@ -74,8 +76,10 @@ def _difference(T, own, b, t):
 def _stored(row_data, row, finite):
     """``k / r^3`` of the slots of a row (with its mark as a sign)."""
     if finite:
+        prefetch(row_data, row * 2 * W + AHEAD)
         k = load(row_data, row * 2 * W)
         return (k + k) * load(row_data, row * 2 * W + W)
+    prefetch(row_data, row * W + AHEAD)
     return load(row_data, row * W)
 
 

@@ -40,6 +40,8 @@ from pdfem_mpi.kernels.bond_response import (
     V6,
     V7,
     V8,
+    ask_ahead,
+    numbers_of,
     response_by_series,
     response_in_closed_form,
     u8,
@@ -50,6 +52,7 @@ from pdfem_mpi.kernels.simd import (
     both,
     fma,
     fnma,
+    held,
     hmax,
     hmin,
     iadd,
@@ -113,8 +116,9 @@ def _finite_sweep(closed, failing):
             The point to go on with: ``last``, or an earlier one before which the records could overflow.
         """
         zero = splat(0.0)
-        peak = splat(extremes[0])
-        floor = splat(extremes[1])
+        numbers = numbers_of(table)
+        M = held(table[V5])
+        peak, floor = splat(extremes[0]), splat(extremes[1])
         count = counter[0]
         after = last
         for i in range(first, last):
@@ -154,6 +158,7 @@ def _finite_sweep(closed, failing):
                 r += ONE  # past the last row this reads harmless numbers, hence one padding row
                 b_next = u8(row_offset[r])
                 o_next = o + STEP
+                ask_ahead(row_offset, row_data, r, o_next)
                 dx = load(S, b_next) - ux
                 hx = load(S, b_next + V3) - zx
                 dy = load(S, b_next + V1) - uy
@@ -167,8 +172,7 @@ def _finite_sweep(closed, failing):
                 top = largest(e, top)
                 floor = smallest(e, floor)
                 k = load(row_data, o)
-                f = response_in_closed_form(k, e, table) if closed else response_by_series(k, e, table)
-                M = load(table, V5)
+                f = response_in_closed_form(k, e, numbers) if closed else response_by_series(k, e, numbers)
                 px = fma(f, gx, M)
                 py = fma(f, gy, M)
                 pz = fma(f, gz, M)
@@ -201,9 +205,8 @@ def _finite_sweep(closed, failing):
                     if lanes(broken) == 0:
                         top = largest(e, top)
                         continue
-                    M = load(table, V5)
                     k = load(row_data, o)
-                    f = response_in_closed_form(k, e, table) if closed else response_by_series(k, e, table)
+                    f = response_in_closed_form(k, e, numbers) if closed else response_by_series(k, e, numbers)
                     f = both(f, broken)
                     px = isub(fma(f, gx + dx, M), M)
                     py = isub(fma(f, gy + dy, M), M)
@@ -258,6 +261,7 @@ def _linear_sweep(failing):
         bond.
         """
         zero = splat(0.0)
+        M = held(table[V5])
         peak = splat(extremes[0])
         count = counter[0]
         after = last
@@ -295,6 +299,7 @@ def _linear_sweep(failing):
                 hx = load(S, b_next + V3) - zx
                 hy = load(S, b_next + V4) - zy
                 hz = load(S, b_next + V5) - zz
+                ask_ahead(row_offset, row_data, r, r * V1)
                 k_next = load(row_data, r * V1)
                 f_next = fma(
                     load(S, b_next) - ux,
@@ -306,7 +311,6 @@ def _linear_sweep(failing):
                 if failing:
                     excess = largest(fnma(limit, k * fma(gx, gx, fma(gy, gy, gz * gz)), f), excess)
                     k = k_next
-                M = load(table, V5)
                 px = fma(f, gx, M)
                 py = fma(f, gy, M)
                 pz = fma(f, gz, M)
@@ -336,7 +340,6 @@ def _linear_sweep(failing):
                     broken = above(fnma(limit, k * fma(gx, gx, fma(gy, gy, gz * gz)), f), zero)
                     if lanes(broken) == 0:
                         continue
-                    M = load(table, V5)
                     f = both(f, broken)
                     px = isub(fma(f, gx, M), M)
                     py = isub(fma(f, gy, M), M)

@@ -13,11 +13,13 @@ from pdfem_mpi.kernels.bond_response import (
     V6,
     V7,
     V8,
+    ask_ahead,
+    numbers_of,
     response_by_series,
     response_in_closed_form,
     u8,
 )  # fmt: skip
-from pdfem_mpi.kernels.simd import W, fma, hmax, iadd, ihsum, isub, largest, load, magnitude, splat, store
+from pdfem_mpi.kernels.simd import W, fma, held, hmax, iadd, ihsum, isub, largest, load, magnitude, splat, store
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
@@ -41,6 +43,9 @@ def _tangent_sweep(closed):
             ``last``.
         """
         zero = splat(0.0)
+        numbers = numbers_of(table)
+        M = held(table[V5])
+        one = held(table[V6])
         peak = splat(extremes[0])
         for i in range(first, last):
             r = u8(row_start[i])
@@ -62,6 +67,7 @@ def _tangent_sweep(closed):
                 b = u8(row_offset[r])
                 o = r * STEP
                 r += ONE
+                ask_ahead(row_offset, row_data, r, o)
                 vx = load(S, b) - ux
                 vy = load(S, b + V1) - uy
                 vz = load(S, b + V2) - uz
@@ -69,15 +75,13 @@ def _tangent_sweep(closed):
                 yy = load(S, b + V4) - zy
                 yz = load(S, b + V5) - zz
                 inverse = load(row_data, o + V1)
-                one = load(table, V6)
                 e = fma(yx, yx, fma(yy, yy, yz * yz)) * inverse - one
-                phi = response_in_closed_form(one, e, table) if closed else response_by_series(one, e, table)
+                phi = response_in_closed_form(one, e, numbers) if closed else response_by_series(one, e, numbers)
                 k = load(row_data, o)
                 k = k + k
                 shrink = one - phi
                 along = (k * inverse) * (shrink * shrink * shrink) * fma(yx, vx, fma(yy, vy, yz * vz))
                 across = k * phi
-                M = load(table, V5)
                 px = fma(across, vx, fma(along, yx, M))
                 py = fma(across, vy, fma(along, yy, M))
                 pz = fma(across, vz, fma(along, yz, M))

@@ -21,7 +21,8 @@ import math
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.simd import W, fma, iadd, ihsum, largest, load, magnitude, root, splat, store
+from pdfem_mpi.kernels.bond_response import AHEAD
+from pdfem_mpi.kernels.simd import W, fma, iadd, ihsum, largest, load, magnitude, prefetch, root, splat, store
 
 #: Sweeps of the iteration (appendix A: "approximately twenty iterations").
 SWEEPS = 20
@@ -81,6 +82,7 @@ def add_responses(row_start, row_offset, row_data, T, TI, pattern, finite, viria
             xz = gx * gz
             xy = gx * gy
             numerator = largest(fma(qx * yz, yz, fma(qy * xz, xz, (qz * xy) * xy)), tiny)
+            prefetch(row_data, row * stride + AHEAD)
             k = load(row_data, row * stride)
             if finite:
                 k = k + k  # c exp w w / r

@@ -18,7 +18,23 @@ import math
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.simd import W, above, both, fma, iadd, ihsum, isub, largest, load, magnitude, root, splat, store
+from pdfem_mpi.kernels.bond_response import AHEAD
+from pdfem_mpi.kernels.simd import (
+    W,
+    above,
+    both,
+    fma,
+    iadd,
+    ihsum,
+    isub,
+    largest,
+    load,
+    magnitude,
+    prefetch,
+    root,
+    splat,
+    store,
+)
 
 #: Equations of a point, rows of the table, entries of a point's symmetric block.
 N, ROWS, ENTRIES = 9, 27, 45
@@ -33,8 +49,10 @@ _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "
 def _stored(row_data, row, finite):
     """``k / r^3`` of the slots of a row."""
     if finite:
+        prefetch(row_data, row * 2 * W + AHEAD)
         k = load(row_data, row * 2 * W)
         return (k + k) * load(row_data, row * 2 * W + W)
+    prefetch(row_data, row * W + AHEAD)
     return load(row_data, row * W)
 
 

@@ -19,7 +19,20 @@ what it gave is taken back exactly.
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.bond_response import ONE, STEP, V1, V2, V3, V4, V5, V6, response_by_series, u8
+from pdfem_mpi.kernels.bond_response import (
+    ONE,
+    STEP,
+    V1,
+    V2,
+    V3,
+    V4,
+    V5,
+    V6,
+    ask_ahead,
+    numbers_of,
+    response_by_series,
+    u8,
+)
 from pdfem_mpi.kernels.bond_response import constants as response_constants
 from pdfem_mpi.kernels.bond_response import response_in_closed_form as _response
 from pdfem_mpi.kernels.simd import (
@@ -28,6 +41,7 @@ from pdfem_mpi.kernels.simd import (
     both,
     fma,
     fnma,
+    held,
     hmax,
     hmin,
     iadd,
@@ -62,17 +76,30 @@ def constants(pattern):
 
 
 @njit(inline="always")
-def lengthening_by_series(e, table):
-    """``1 / (1 + (1 + e)^(1/2))`` by its series."""
-    e2 = e * e
-    high = fma(e2, load(table, _A4), fma(load(table, _A3), e, load(table, _A2)))
-    return fma(e2, high, fma(load(table, _A1), e, load(table, _A0)))
+def _lengthening_numbers(table):
+    """Coefficients of ``SERIES``, and one, in registers."""
+    return (
+        held(table[_A0]),
+        held(table[_A1]),
+        held(table[_A2]),
+        held(table[_A3]),
+        held(table[_A4]),
+        held(table[V6]),
+    )
 
 
 @njit(inline="always")
-def lengthening_in_closed_form(e, table):
+def lengthening_by_series(e, numbers):
+    """``1 / (1 + (1 + e)^(1/2))`` by its series."""
+    e2 = e * e
+    high = fma(e2, numbers[4], fma(numbers[3], e, numbers[2]))
+    return fma(e2, high, fma(numbers[1], e, numbers[0]))
+
+
+@njit(inline="always")
+def lengthening_in_closed_form(e, numbers):
     """The same in closed form, for large stretch and compression."""
-    one = load(table, V6)
+    one = numbers[5]
     return one / (one + root(largest(one + e, splat(0.0))))
 
 
@@ -144,6 +171,7 @@ def _linear_sweep(failing, weighted):
                 k = load(row_data, r * V1)
                 o = r * STEP
                 r += ONE
+                ask_ahead(row_offset, row_data, r, r * V1)
                 f = f * k
                 square = fma(gx, gx, fma(gy, gy, gz * gz))
                 peak = largest(magnitude(f), peak)
@@ -209,7 +237,8 @@ def _finite_sweep(closed, failing, weighted):
         """
         zero = splat(0.0)
         one = splat(1.0)
-        M = load(table, V5)
+        numbers = _lengthening_numbers(table)
+        M = held(table[V5])
         several = scale.shape[0] > 1
         peak = splat(extremes[0])
         floor = splat(extremes[1])
@@ -237,6 +266,7 @@ def _finite_sweep(closed, failing, weighted):
                 b = u8(row_offset[r])
                 o = r * STEP
                 r += ONE
+                ask_ahead(row_offset, row_data, r, o)
                 work = fma(
                     load(S, b) - ux, load(S, b + V3) - zx,
                     fma(load(S, b + V1) - uy, load(S, b + V4) - zy, (load(S, b + V2) - uz) * (load(S, b + V5) - zz)),
@@ -248,7 +278,7 @@ def _finite_sweep(closed, failing, weighted):
                 k = k + k
                 if several:
                     k = k * splat(scale[material[c], material[b // u8(9 * W)]])
-                h = lengthening_in_closed_form(e, table) if closed else lengthening_by_series(e, table)
+                h = lengthening_in_closed_form(e, numbers) if closed else lengthening_by_series(e, numbers)
                 if weighted:
                     h = (k * work) * h
                     total = iadd(total, fma(h, load(weights, o), M))
@@ -276,7 +306,7 @@ def _finite_sweep(closed, failing, weighted):
                         continue
                     k = load(row_data, o)
                     k = (k + k) * (splat(scale[material[c], material[cluster]]) if several else one)
-                    h = lengthening_in_closed_form(e, table) if closed else lengthening_by_series(e, table)
+                    h = lengthening_in_closed_form(e, numbers) if closed else lengthening_by_series(e, numbers)
                     p = isub(fma(both(k * work, broken), h, M), M)
                     total = isub(total, p)
                     store(D, b // _NINE, isub(load(D, b // _NINE), p))
@@ -314,7 +344,9 @@ def _changes(closed, weighted):
         """
         zero = splat(0.0)
         several = scale.shape[0] > 1
-        M = load(table, V5)
+        numbers = numbers_of(table)
+        M = held(table[V5])
+        one = held(table[V6])
         peak = splat(extremes[0])
         for i in range(first, last):
             r = u8(row_start[i])
@@ -334,12 +366,12 @@ def _changes(closed, weighted):
                 b = u8(row_offset[r])
                 o = r * STEP
                 r += ONE
+                ask_ahead(row_offset, row_data, r, o)
                 yx = load(S, b + V3) - zx
                 yy = load(S, b + V4) - zy
                 yz = load(S, b + V5) - zz
-                one = load(table, V6)
                 e = fma(yx, yx, fma(yy, yy, yz * yz)) * load(row_data, o + V1) - one
-                phi = _response(one, e, table) if closed else response_by_series(one, e, table)
+                phi = _response(one, e, numbers) if closed else response_by_series(one, e, numbers)
                 k = load(row_data, o)
                 k = k + k
                 along = fma(load(S, b) - ux, yx, fma(load(S, b + V1) - uy, yy, (load(S, b + V2) - uz) * yz))

@@ -1,9 +1,80 @@
-"""Solve with Cholesky's factors that are kept front by front, see `dissection.Factor`."""
+"""Cholesky's factors front by front, see `dissection.Factor`: eliminate a front, and solve with all of them."""
+
+import math
 
 import numpy as np
 from numba import njit, types
 
+from pdfem_mpi.kernels.simd import W, fma, fnma, load, splat, store
+
+#: Columns that are eliminated before what stands behind them is changed.
+PANEL = 32
+#: Rows and columns of 0 behind a front, which whole lanes may read.
+MARGIN = 2 * W
+
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
+
+
+@njit(**_options)
+def eliminate_front(entries, stride, n, m):
+    """Eliminate the first ``m`` of ``n`` unknowns of a symmetric matrix; what is left of the others is their part.
+
+    Parameters
+    ----------
+    entries : float64, shape ((n + MARGIN) * stride,)
+        Entry of row r and column c at ``c * stride + r``, for ``r >= c`` only; 0 behind. Overwritten.
+    stride : int
+        At least ``n + MARGIN``.
+    n, m : int
+
+    Returns
+    -------
+    int
+        The first column whose pivot is not positive, or -1.
+    """
+    for first in range(0, m, PANEL):
+        last = min(first + PANEL, m)
+        for c in range(first, last):
+            column = c * stride
+            for k in range(first, c):
+                x = splat(entries[k * stride + c])
+                for r in range(c, n, W):
+                    store(entries, column + r, fnma(x, load(entries, k * stride + r), load(entries, column + r)))
+            pivot = entries[column + c]
+            if not pivot > 0.0:
+                return c
+            inverse = splat(1.0 / math.sqrt(pivot))
+            for r in range(c, n, W):
+                store(entries, column + r, inverse * load(entries, column + r))
+        for j in range(last, n, 4):
+            at = j * stride
+            for r in range(j, n, 2 * W):
+                a0 = a1 = a2 = a3 = splat(0.0)
+                b0 = b1 = b2 = b3 = splat(0.0)
+                for k in range(first, last):
+                    row = k * stride
+                    y, z = load(entries, row + r), load(entries, row + r + W)
+                    x = splat(entries[row + j])
+                    a0, b0 = fma(x, y, a0), fma(x, z, b0)
+                    x = splat(entries[row + j + 1])
+                    a1, b1 = fma(x, y, a1), fma(x, z, b1)
+                    x = splat(entries[row + j + 2])
+                    a2, b2 = fma(x, y, a2), fma(x, z, b2)
+                    x = splat(entries[row + j + 3])
+                    a3, b3 = fma(x, y, a3), fma(x, z, b3)
+                here = at + r
+                store(entries, here, load(entries, here) - a0)
+                store(entries, here + W, load(entries, here + W) - b0)
+                here += stride
+                store(entries, here, load(entries, here) - a1)
+                store(entries, here + W, load(entries, here + W) - b1)
+                here += stride
+                store(entries, here, load(entries, here) - a2)
+                store(entries, here + W, load(entries, here + W) - b2)
+                here += stride
+                store(entries, here, load(entries, here) - a3)
+                store(entries, here + W, load(entries, here + W) - b3)
+    return -1
 
 
 @njit(**_options)
@@ -58,4 +129,7 @@ def solve_fronts(start, n_own, rows, place, entries, x):
 
 
 _i8, _f8 = types.int64[::1], types.float64[::1]
-SIGNATURES = {solve_fronts: types.void(_i8, _i8, _i8, _i8, types.float32[::1], _f8)}
+SIGNATURES = {
+    eliminate_front: types.int64(_f8, types.int64, types.int64, types.int64),
+    solve_fronts: types.void(_i8, _i8, _i8, _i8, types.float32[::1], _f8),
+}

@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit, types
 
 from pdfem_mpi.kernels.exact_sums import BLOCK, BLOCKS, add_terms, carry
+from pdfem_mpi.kernels.simd import W, load, splat, store
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
@@ -27,12 +28,16 @@ def finish_product(w, fixed, z, r, sums):
     first, second = np.empty(BLOCK), np.empty(BLOCK)
     for start in range(0, w.size, BLOCK):
         m = min(BLOCK, w.size - start)
-        for k in range(m):
-            i = start + k
-            y = 0.0 if fixed[i] else -w[i]
-            w[i] = y
-            first[k] = r[i] * z[i]
-            second[k] = z[i] * y
+        whole = m // W * W
+        for i in range(start, start + m):
+            w[i] = 0.0 if fixed[i] else -w[i]
+        for k in range(0, whole, W):
+            x = load(z, start + k)
+            store(first, k, load(r, start + k) * x)
+            store(second, k, x * load(w, start + k))
+        for k in range(whole, m):
+            first[k] = r[start + k] * z[start + k]
+            second[k] = z[start + k] * w[start + k]
         add_terms(first, m, sums[0])
         add_terms(second, m, sums[1])
         if start // BLOCK % BLOCKS == BLOCKS - 1:
@@ -56,9 +61,21 @@ def take_step(z, w, alpha, beta, p, s, x, r, square):
         Added to.
     """
     terms = np.empty(BLOCK)
+    a, b = splat(alpha), splat(beta)
     for start in range(0, z.size, BLOCK):
         m = min(BLOCK, z.size - start)
-        for k in range(m):
+        whole = m // W * W
+        for k in range(0, whole, W):
+            i = start + k
+            v = load(z, i) + b * load(p, i)
+            store(p, i, v)
+            store(x, i, load(x, i) + a * v)
+            v = load(w, i) + b * load(s, i)
+            store(s, i, v)
+            v = load(r, i) - a * v
+            store(r, i, v)
+            store(terms, k, v * v)
+        for k in range(whole, m):
             i = start + k
             p[i] = z[i] + beta * p[i]
             s[i] = w[i] + beta * s[i]

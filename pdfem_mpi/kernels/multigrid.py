@@ -7,8 +7,9 @@ components of triple ``t`` stand at ``12 (t // 4) + t % 4 + 4 d`` in cluster lay
 import numpy as np
 from numba import njit, types
 
+from pdfem_mpi.kernels.bond_response import AHEAD
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
-from pdfem_mpi.kernels.simd import PATTERN, W, fma, iadd, ihsum, isub, load, splat, store
+from pdfem_mpi.kernels.simd import PATTERN, W, fma, iadd, ihsum, isub, load, prefetch, splat, store
 
 _AT_POINTS = np.ascontiguousarray(SHAPE_AT_GAUSS).reshape(-1)  # corners of a point together
 _OF_CORNERS = np.ascontiguousarray(SHAPE_AT_GAUSS.T).reshape(-1)  # points of a corner together
@@ -162,6 +163,7 @@ def add_point_blocks(row_start, row_offset, row_data, S, SI, pattern, finite, mi
             dx = load(S, b + 3 * W) - splat(S[own + 3 * W])
             dy = load(S, b + 4 * W) - splat(S[own + 4 * W])
             dz = load(S, b + 5 * W) - splat(S[own + 5 * W])
+            prefetch(row_data, row * stride + AHEAD)
             k = load(row_data, row * stride)
             if finite:
                 k = (k + k) * load(row_data, row * stride + W)

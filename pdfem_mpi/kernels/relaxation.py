@@ -8,6 +8,9 @@ import numpy as np
 from numba import njit, types
 
 from pdfem_mpi.kernels.exact_sums import BLOCK, BLOCKS, add_terms, carry
+from pdfem_mpi.kernels.simd import W, above, both, isub, lanes, load, magnitude, splat, store, unequal
+
+EVERY = 2**W - 1  #: all lanes
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
@@ -30,10 +33,30 @@ def add_damping_sums(u, v, force, previous_force, inverse_mass, sums):
     residual = np.empty(BLOCK)
     reaction = np.empty(BLOCK)
     n = u.size
+    zero, infinite = splat(0.0), splat(np.inf)
     for start in range(0, n, BLOCK):
         m = min(BLOCK, n - start)
+        whole = m // W * W
         held = False
-        for k in range(m):
+        for k in range(0, whole, W):
+            i = start + k
+            f = load(force, i)
+            mass = load(inverse_mass, i)
+            free = above(mass, zero)
+            held |= lanes(free) != EVERY
+            speed = load(v, i)
+            change = (load(previous_force, i) - f) * mass
+            ratio = both(change / speed, unequal(speed, zero))
+            ratio = both(ratio, above(infinite, magnitude(ratio)))
+            f = f * f
+            product = load(u, i)
+            product = both(product * product, free)
+            store(square, k, product)
+            store(stiffness, k, product * ratio)
+            product = both(f, free)
+            store(residual, k, product)
+            store(reaction, k, isub(f, product))
+        for k in range(whole, m):
             i = start + k
             change = -(force[i] - previous_force[i]) * inverse_mass[i]
             ratio = change / v[i] if v[i] != 0.0 else 0.0

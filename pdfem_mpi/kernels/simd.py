@@ -35,7 +35,14 @@ if numba.config.DISABLE_JIT:
             raise IndexError(f"lanes {start}:{start + W} of an array of {array.size}")
         array[start : start + W] = v
 
+    def prefetch(array, index):
+        """Ask for the memory around an entry, which may lie outside of the array, ahead of its use."""
+
     def splat(x):
+        """The number ``x`` in all lanes."""
+        return np.full(W, x)
+
+    def held(x):
         """The number ``x`` in all lanes."""
         return np.full(W, x)
 
@@ -62,6 +69,14 @@ if numba.config.DISABLE_JIT:
     def both(x, mask):
         """``x`` where the mask is set, else 0."""
         return (x.view(np.int64) & mask.view(np.int64)).view(np.float64)
+
+    def either(x, y):
+        """The bits that one of both has."""
+        return (x.view(np.int64) | y.view(np.int64)).view(np.float64)
+
+    def unequal(x, y):
+        """Lane mask of ``x != y``, which holds for NaN."""
+        return np.where(x != y, np.int64(-1), np.int64(0)).view(np.float64)
 
     def magnitude(x):
         """Absolute value."""
@@ -102,6 +117,10 @@ if numba.config.DISABLE_JIT:
     def bits(x):
         """Bit pattern of a float64 as int64."""
         return np.float64(x).view(np.int64)
+
+    def from_bits(pattern):
+        """The float64 that has a bit pattern."""
+        return np.int64(pattern).view(np.float64)
 
 else:
     from llvmlite import ir
@@ -154,12 +173,40 @@ else:
         return types.void(array, types.intp, v), codegen
 
     @intrinsic
+    def prefetch(typingctx, array, index):
+        """Ask for the memory around an entry, which may lie outside of the array, ahead of its use."""
+
+        def codegen(context, builder, sig, args):
+            data = builder.gep(context.make_array(sig.args[0])(context, builder, args[0]).data, [args[1]])
+            byte = ir.IntType(8).as_pointer()
+            signature = ir.FunctionType(ir.VoidType(), [byte, _B, _B, _B])
+            function = cgutils.get_or_insert_function(builder.module, signature, "llvm.prefetch.p0")
+            to_read, near, data_cache = (ir.Constant(_B, flag) for flag in (0, 3, 1))
+            builder.call(function, [builder.bitcast(data, byte), to_read, near, data_cache])
+            return context.get_dummy_value()
+
+        return types.void(array, types.intp), codegen
+
+    def _in_all_lanes(builder, x):
+        v = builder.insert_element(ir.Constant(_VF, ir.Undefined), x, ir.Constant(_B, 0))
+        return builder.shuffle_vector(v, v, ir.Constant(ir.VectorType(_B, W), [0] * W))
+
+    @intrinsic
+    def held(typingctx, x):
+        """The number ``x`` in all lanes, kept in a register: the compiler does not know that it could read it again."""
+
+        def codegen(context, builder, sig, args):
+            hidden = builder.asm(ir.FunctionType(_I, [_I]), "", "=r,0", [builder.bitcast(args[0], _I)], False)
+            return _in_all_lanes(builder, builder.bitcast(hidden, _F))
+
+        return V4(types.float64), codegen
+
+    @intrinsic
     def splat(typingctx, x):
         """The number ``x`` in all lanes."""
 
         def codegen(context, builder, sig, args):
-            v = builder.insert_element(ir.Constant(_VF, ir.Undefined), args[0], ir.Constant(_B, 0))
-            return builder.shuffle_vector(v, v, ir.Constant(ir.VectorType(_B, W), [0] * W))
+            return _in_all_lanes(builder, args[0])
 
         return V4(types.float64), codegen
 
@@ -233,7 +280,7 @@ else:
 
         return operation
 
-    iadd, isub, both = _integer("add"), _integer("sub"), _integer("and_")
+    iadd, isub, both, either = _integer("add"), _integer("sub"), _integer("and_"), _integer("or_")
 
     def _select(comparison):
         @intrinsic
@@ -253,6 +300,15 @@ else:
 
         def codegen(context, builder, sig, args):
             return builder.bitcast(builder.sext(builder.fcmp_ordered(">", args[0], args[1]), _VI), _VF)
+
+        return x(x, x), codegen
+
+    @intrinsic
+    def unequal(typingctx, x, y):
+        """Lane mask (all bits set or none) of ``x != y``, which holds for NaN."""
+
+        def codegen(context, builder, sig, args):
+            return builder.bitcast(builder.sext(builder.fcmp_unordered("!=", args[0], args[1]), _VI), _VF)
 
         return x(x, x), codegen
 
@@ -293,3 +349,12 @@ else:
             return builder.bitcast(args[0], _I)
 
         return types.int64(types.float64), codegen
+
+    @intrinsic
+    def from_bits(typingctx, pattern):
+        """The float64 that has a bit pattern."""
+
+        def codegen(context, builder, sig, args):
+            return builder.bitcast(args[0], _F)
+
+        return types.float64(types.int64), codegen

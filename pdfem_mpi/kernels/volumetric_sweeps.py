@@ -24,11 +24,13 @@ from pdfem_mpi.kernels.bond_response import (
     V6,
     V7,
     V8,
+    ask_ahead,
+    numbers_of,
     response_by_series,
     response_in_closed_form,
     u8,
 )  # fmt: skip
-from pdfem_mpi.kernels.simd import W, fma, fnma, hmax, iadd, ihsum, isub, largest, load, magnitude, splat, store
+from pdfem_mpi.kernels.simd import W, fma, fnma, held, hmax, iadd, ihsum, isub, largest, load, magnitude, splat, store
 
 _NINE = u8(9)
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
@@ -60,7 +62,7 @@ def _linear_sweep(weighted):
         """
         zero = splat(0.0)
         several = scale.shape[0] > 1
-        M = load(table, V5)
+        M = held(table[V5])
         for i in range(first, last):
             r = u8(row_start[i])
             end = u8(row_start[i + 1])
@@ -80,6 +82,7 @@ def _linear_sweep(weighted):
             fz = zero
             while r < end:
                 b = u8(row_offset[r])
+                ask_ahead(row_offset, row_data, r, r * V1)
                 gx = load(S, b + V3) - zx
                 gy = load(S, b + V4) - zy
                 gz = load(S, b + V5) - zz
@@ -121,8 +124,9 @@ def _finite_sweep(closed, weighted):
         """
         zero = splat(0.0)
         several = scale.shape[0] > 1
-        M = load(table, V5)
-        one = load(table, V6)
+        numbers = numbers_of(table)
+        M = held(table[V5])
+        one = held(table[V6])
         for i in range(first, last):
             r = u8(row_start[i])
             end = u8(row_start[i + 1])
@@ -143,6 +147,7 @@ def _finite_sweep(closed, weighted):
             while r < end:
                 b = u8(row_offset[r])
                 o = r * STEP
+                ask_ahead(row_offset, row_data, r, o)
                 r += ONE
                 dx = load(S, b) - ux
                 dy = load(S, b + V1) - uy
@@ -151,7 +156,7 @@ def _finite_sweep(closed, weighted):
                 gy = load(S, b + V4) - zy
                 gz = load(S, b + V5) - zz
                 e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + V1)
-                phi = response_in_closed_form(one, e, table) if closed else response_by_series(one, e, table)
+                phi = response_in_closed_form(one, e, numbers) if closed else response_by_series(one, e, numbers)
                 if weighted:
                     common = q * load(weights, o) + load(Q, b // _NINE) * load(weights, o + V1)  # alike from both ends
                 else:
@@ -195,8 +200,9 @@ def _tangent_sweep(closed, weighted):
         """
         zero = splat(0.0)
         several = scale.shape[0] > 1
-        M = load(table, V5)
-        one = load(table, V6)
+        numbers = numbers_of(table)
+        M = held(table[V5])
+        one = held(table[V6])
         peak = splat(extremes[0])
         for i in range(first, last):
             r = u8(row_start[i])
@@ -219,6 +225,7 @@ def _tangent_sweep(closed, weighted):
             while r < end:
                 b = u8(row_offset[r])
                 o = r * STEP
+                ask_ahead(row_offset, row_data, r, o)
                 r += ONE
                 vx = load(S, b) - ux
                 vy = load(S, b + V1) - uy
@@ -228,7 +235,7 @@ def _tangent_sweep(closed, weighted):
                 yz = load(S, b + V5) - zz
                 inverse = load(row_data, o + V1)
                 e = fma(yx, yx, fma(yy, yy, yz * yz)) * inverse - one
-                phi = response_in_closed_form(one, e, table) if closed else response_by_series(one, e, table)
+                phi = response_in_closed_form(one, e, numbers) if closed else response_by_series(one, e, numbers)
                 common, changed = load(Q, b // _NINE), load(change, b // _NINE)
                 if weighted:
                     here, there = load(weights, o), load(weights, o + V1)

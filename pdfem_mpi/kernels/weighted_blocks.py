@@ -14,7 +14,8 @@ import math
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.simd import W, fma, iadd, ihsum, largest, load, magnitude, root, splat, store
+from pdfem_mpi.kernels.bond_response import AHEAD
+from pdfem_mpi.kernels.simd import W, fma, iadd, ihsum, largest, load, magnitude, prefetch, root, splat, store
 
 #: The closed form of an eigenvalue loses half of its digits where two of them meet; a bound is raised by more.
 MARGIN = 1.0 + 1e-7
@@ -60,6 +61,7 @@ def add_weighted_blocks(
             dx = load(S, b + 3 * W) - splat(S[own + 3 * W])
             dy = load(S, b + 4 * W) - splat(S[own + 4 * W])
             dz = load(S, b + 5 * W) - splat(S[own + 5 * W])
+            prefetch(row_data, row * stride + AHEAD)
             k = load(row_data, row * stride)
             if stiffens:
                 growth = root(fma(dx, dx, fma(dy, dy, dz * dz))) * (splat(stiffening[i]) + load(stiffening, b // 9))

@@ -107,7 +107,7 @@ def measure_bar(scene: Scene, geometry: Geometry, fields: Fields, probe: BarProb
         lateral[k] = np.mean([_slope(x[:, d], u[:, d], planes[d]) for d in others])
         if k in (0, n - 1):
             face = mesh.lower[axis] if k == 0 else mesh.upper[axis]
-            faces.append(np.polyval(np.polyfit(x[:, axis], u[:, axis], 1), face))
+            faces.append(_straight(*_line(x[:, axis], u[:, axis]), face))
     if geometry.mirrors.planes[axis]:
         fixed_end = 0.0
     else:
@@ -154,10 +154,20 @@ def _layer_moduli(geometry: Geometry, layer: np.ndarray, n: int) -> np.ndarray:
     return stiffness / np.bincount(layer, volume, n)
 
 
+def _line(x: np.ndarray, u: np.ndarray) -> tuple[float, float, float]:
+    """The straight line of least squares: slope, and the place and value of its middle."""
+    middle, value = float(x.mean()), float(u.mean())
+    return float(((x - middle) * (u - value)).sum() / ((x - middle) ** 2).sum()), middle, value
+
+
+def _straight(slope: float, middle: float, value: float, x: float) -> float:
+    return value + slope * (x - middle)
+
+
 def _slope(x: np.ndarray, u: np.ndarray, planes: list[float]) -> float:
     """Slope of the straight line through displacements, of those beyond a mirror plane as well."""
     if not planes:
-        return np.polyfit(x, u, 1)[0]
+        return _line(x, u)[0]
     return float(((x - planes[0]) * u).sum() / ((x - planes[0]) ** 2).sum())
 
 
@@ -189,11 +199,11 @@ def bar_results(scene: Scene, geometry: Geometry, bar: Bar, probe: BarProbe, fac
             chosen = chosen & clear
         if np.count_nonzero(chosen) < 2:
             continue
-        lines[name] = np.polyfit(bar.coordinate[chosen], bar.displacement[chosen], 1)
+        lines[name] = _line(bar.coordinate[chosen], bar.displacement[chosen])
         runs.append(np.flatnonzero(run)[[0, -1]])
         results[f"modulus_ratio_{name}"] = float(bar.strain[run][0] / lines[name][0])
         results[f"poissons_ratio_{name}"] = float(-bar.lateral_strain[chosen].mean() / lines[name][0])
     if len(lines) == 2 and (runs[0][1] + 1 == runs[1][0] or runs[1][1] + 1 == runs[0][0]):
-        gap = np.polyval(lines["peridynamics"], bar.interface) - np.polyval(lines["finite_elements"], bar.interface)
-        results["interface_jump"] = float(gap / (strain * geometry.mesh.mean_edge))
+        bonds, elements = (_straight(*lines[name], bar.interface) for name in ("peridynamics", "finite_elements"))
+        results["interface_jump"] = float((bonds - elements) / (strain * geometry.mesh.mean_edge))
     return results

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
+from pdfem_mpi.kernels.dense import product
+from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, REFERENCE_NODES
 from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.measure.geometry import Geometry
 
 #: From values at the eight Gauss points of a cell to those of the trilinear field at its corners.
-CORNERS_FROM_GAUSS = np.linalg.inv(SHAPE_AT_GAUSS)
+CORNERS_FROM_GAUSS = np.prod(1.0 + 3.0 * REFERENCE_NODES[:, None] * GAUSS_POINTS[None], axis=2) / 8.0
 
 
 def corner_displacements(geometry: Geometry, fields: Fields) -> np.ndarray:
@@ -23,7 +24,7 @@ def corner_displacements(geometry: Geometry, fields: Fields) -> np.ndarray:
     found = np.zeros((len(mesh.nodes), 3))
     if fields.u_points is not None:
         corners = mesh.cells[geometry.has_points]
-        values = np.einsum("ag,cgd->cad", CORNERS_FROM_GAUSS, fields.u_points.reshape(-1, 8, 3))
+        values = product(CORNERS_FROM_GAUSS, fields.u_points.reshape(-1, 8, 3).swapaxes(0, 1)).swapaxes(0, 1)
         count = np.maximum(np.bincount(corners.ravel(), minlength=len(found)), 1)
         for d in range(3):
             total = np.bincount(corners.ravel(), weights=values[:, :, d].ravel(), minlength=len(found))

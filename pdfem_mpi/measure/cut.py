@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdfem_mpi.kernels.dense import lengths, product
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import rigid_modes
 from pdfem_mpi.model.parts import positions
@@ -35,7 +36,7 @@ class Cut:
 
 def sides(model: Model, cut: Cut, tolerance: float) -> np.ndarray:
     """Unknowns on the side that the normal points away from, those on the plane included; bool, shape (n_unknowns,)."""
-    height = (positions(model) - cut.point) @ (cut.normal / np.linalg.norm(cut.normal))
+    height = product(positions(model) - cut.point, cut.normal / lengths(cut.normal))
     return model.unknowns.join(np.repeat((height <= tolerance)[:, None], 3, axis=1))
 
 

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import first_stretches
@@ -112,6 +111,8 @@ class Foretelling:
 
     def _worth_a_look(self, ratio: np.ndarray, least: float) -> np.ndarray:
         """Cells of the rank that have a cell near that stretches within itself; int64."""
+        from scipy.spatial import cKDTree
+
         asked = np.flatnonzero(self._asked)
         if least == 0.0 or not len(asked):
             return asked
@@ -123,6 +124,8 @@ class Foretelling:
 
     def _surroundings(self, chosen: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Some of the cells at a time, where their lists begin, and the cells within reach of each; int64."""
+        from scipy.spatial import cKDTree
+
         if not len(chosen):
             return
         tree = cKDTree(self._centres)

@@ -8,6 +8,7 @@ import numpy as np
 
 from pdfem_mpi.body.locating import locate
 from pdfem_mpi.deck.outputs import LineProbe
+from pdfem_mpi.kernels.dense import lengths
 from pdfem_mpi.measure.displacement import interpolate
 from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.measure.geometry import Geometry
@@ -53,4 +54,4 @@ def positions_along(probe: LineProbe) -> tuple[np.ndarray, np.ndarray]:
     t = np.arange(probe.n) / (probe.n - 1)
     position = start + t[:, None] * (stop - start)
     position[-1] = stop
-    return t * float(np.linalg.norm(stop - start)), position
+    return t * float(lengths(stop - start)), position

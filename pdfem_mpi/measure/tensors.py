@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pdfem_mpi.kernels.dense import eigen
+
 #: Component of the six for each entry of the matrix, row by row.
 ENTRIES = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
 #: Row and column of each of the six.
@@ -51,7 +53,7 @@ def principal(six: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         NaN where the tensor is not known.
     """
     known = np.isfinite(six).all(axis=-1)
-    values, vectors = np.linalg.eigh(matrices(np.where(known[..., None], six, 0.0)))
+    values, vectors = eigen(matrices(np.where(known[..., None], six, 0.0)))
     values, axes = values[..., ::-1], vectors.swapaxes(-1, -2)[..., ::-1, :]
     largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=-1)[..., None], axis=-1)
     axes = axes * np.where(largest < 0.0, -1.0, 1.0)

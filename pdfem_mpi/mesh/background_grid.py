@@ -29,7 +29,7 @@ def moment_table(derivatives, degree: int = 1) -> np.ndarray:
     slopes = [np.append(coefficients[1:] * np.arange(1, degree + 1), 0.0) for coefficients in values]
     for (i, a), (j, b) in product(enumerate(nodes), repeat=2):
         factors = [
-            np.convolve(
+            _convolved(
                 (slopes if derivatives[0] == d else values)[a[d]],
                 (slopes if derivatives[1] == d else values)[b[d]],
             )
@@ -37,6 +37,14 @@ def moment_table(derivatives, degree: int = 1) -> np.ndarray:
         ]
         table[:, i, j] = (factors[0][:, None, None] * factors[1][:, None] * factors[2]).reshape(-1)
     return table
+
+
+def _convolved(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Coefficients of the product of two polynomials."""
+    result = np.zeros(len(a) + len(b) - 1)
+    for k, coefficient in enumerate(a):
+        result[k : k + len(b)] += coefficient * b
+    return result
 
 
 def cell_nodes(counts, degree: int = 1, cells: np.ndarray | None = None) -> np.ndarray:
@@ -56,7 +64,9 @@ def add_moments(moments: np.ndarray, where: np.ndarray, xi: np.ndarray, weight: 
     ``moments`` has the shape (n_cells, 27) for trilinear functions, (n_cells, 125) for triquadratic ones.
     """
     n = round(moments.shape[1] ** (1 / 3))
-    powers = xi[:, :, None] ** np.arange(n)
+    powers = np.ones((*xi.shape, n))  # by products: the library's powers depend on the processor
+    for k in range(1, n):
+        powers[:, :, k] = powers[:, :, k - 1] * xi
     for m, (i, j, k) in enumerate(product(range(n), repeat=3)):
         terms = weight * powers[:, 0, i] * powers[:, 1, j] * powers[:, 2, k]
         np.add.at(moments[:, m], where, np.rint(terms / quantum[where]).astype(np.int64))

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from pdfem_mpi.deck.directions import unit
 from pdfem_mpi.deck.removals import RemovedBox, RemovedCylinder, RemovedHalfSpace
@@ -102,6 +100,9 @@ def _in_polygon(corners: np.ndarray, x: np.ndarray, tolerance: float) -> np.ndar
 
 def _parts(mesh: HexMesh) -> list[str]:
     """A sentence about cells that do not hang together by faces."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     faces = equal_rows(np.sort(mesh.cells[:, FACES].reshape(-1, 4), axis=1))
     cell = np.repeat(np.arange(len(mesh.cells)), len(FACES))
     size = len(mesh.cells) + int(faces.max()) + 1

@@ -8,6 +8,7 @@ import numpy as np
 
 from pdfem_mpi.deck.peridynamics import polygon_normal
 from pdfem_mpi.deck.table import Vector
+from pdfem_mpi.kernels.dense import product
 
 
 def cross_polygon(polygon: Sequence[Vector], start: np.ndarray, stop: np.ndarray) -> np.ndarray:
@@ -20,7 +21,7 @@ def cross_polygon(polygon: Sequence[Vector], start: np.ndarray, stop: np.ndarray
     start, stop : float64, shape (n, 3), dimension length
     """
     normal, corners = np.array(polygon_normal(polygon)[0]), np.array(polygon)
-    before, after = (start - corners[0]) @ normal, (stop - corners[0]) @ normal
+    before, after = product(start - corners[0], normal), product(stop - corners[0], normal)
     whole = np.abs(before) + np.abs(after)
     crosses = (before * after <= 0.0) & (whole > 0.0)
     share = np.abs(before) / np.where(whole > 0.0, whole, 1.0)

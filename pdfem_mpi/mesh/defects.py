@@ -7,9 +7,6 @@ coincide, a load path cut at a hanging node, mass counted twice in a cell that i
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.mesh.doubled import doubled_faces
@@ -133,6 +130,8 @@ def _shared_by_many(mesh: HexMesh) -> list[str]:
 
 def _joints(mesh: HexMesh, node_number: np.ndarray, cracked: bool) -> list[str]:
     """Coincident nodes, hanging nodes, and parts that are not joined."""
+    from scipy.spatial import cKDTree
+
     messages = []
     pairs = cKDTree(mesh.nodes).query_pairs(mesh.tolerance, output_type="ndarray")
     if cracked:
@@ -179,6 +178,9 @@ def _stray_nodes(mesh: HexMesh, node_number: np.ndarray) -> list[str]:
 
 def _parts(mesh: HexMesh) -> tuple[int, np.ndarray]:
     """Number of parts that share no node, and the part of each cell."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     n_cells, n_nodes = len(mesh.cells), len(mesh.nodes)
     cell = np.repeat(np.arange(n_cells), 8)
     size = n_cells + n_nodes
@@ -193,6 +195,8 @@ def _hanging_nodes(mesh: HexMesh) -> np.ndarray:
     At a hanging node faces of its own cells have no partner, and neither has the face it hangs on: only nodes and
     faces of the boundary have to be looked at.
     """
+    from scipy.spatial import cKDTree
+
     cell, side = mesh.boundary
     corners = mesh.cells[cell[:, None], FACES[side]]
     outer = np.unique(corners)

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from pdfem_mpi.mesh.hexmesh import FACES, HexMesh
 
@@ -20,6 +17,10 @@ def doubled_faces(mesh: HexMesh) -> tuple[np.ndarray, np.ndarray]:
     stray : int64
         Nodes with another at their place that no such face has, rising.
     """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
     pairs = cKDTree(mesh.nodes).query_pairs(mesh.tolerance, output_type="ndarray")
     if not len(pairs):
         return np.empty((0, 4, 3)), np.empty(0, np.int64)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.mesh.hexmesh import FACES, LISTED, HexMesh, list_cells
@@ -125,6 +123,9 @@ def find_bodies(faces: Faces, kind: np.ndarray) -> np.ndarray:
 
 
 def _connected(n: int, one: np.ndarray, two: np.ndarray) -> tuple[int, np.ndarray]:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     return connected_components(coo_array((np.ones(len(one)), (one, two)), shape=(n, n)), directed=False)
 
 

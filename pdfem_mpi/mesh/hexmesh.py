@@ -10,6 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
+from pdfem_mpi.kernels.dense import lengths
+
 #: A node lies on a plane, or a centroid in a box, within this fraction of the body's size.
 POSITION_TOLERANCE = 1e-6
 #: Local nodes of the six faces of a hexahedron (VTK order), seen from outside counter-clockwise.
@@ -106,7 +108,7 @@ class HexMesh:
     def edges(self, cells: slice = slice(None)) -> np.ndarray:
         """Lengths of the twelve edges of some cells; float64, shape (12, n), dimension length."""
         corners = self.nodes[self.cells[cells]]
-        return np.stack([np.linalg.norm(corners[:, a] - corners[:, b], axis=1) for a, b in EDGES])
+        return np.stack([lengths(corners[:, a] - corners[:, b]) for a, b in EDGES])
 
     def cells_in_box(self, lower, upper) -> np.ndarray:
         """Cells whose centroid lies in a closed box; None for a corner sets no limit there.

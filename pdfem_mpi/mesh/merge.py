@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from pdfem_mpi.deck.table import SceneError, show
 from pdfem_mpi.mesh.hexmesh import HexMesh
@@ -34,6 +31,10 @@ def merge_nodes(mesh: HexMesh, node_number: np.ndarray, length: float) -> tuple[
     SceneError
         A length above a tenth of the shortest edge.
     """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
     edge = mesh.smallest_edge
     if length > LARGEST_FRACTION * edge:
         raise SceneError(

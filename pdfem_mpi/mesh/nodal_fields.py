@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pdfem_mpi.deck.table import SceneError, did_you_mean, show
 from pdfem_mpi.mesh.raw import Refusal
@@ -30,6 +29,8 @@ def read_nodal_field(nodes: np.ndarray, tolerance: float, where: str, path: str,
     SceneError
         A file that cannot be read, without the field, or with other nodes.
     """
+    from scipy.spatial import cKDTree
+
     shown = f"{where} = {show(path)}"
     try:
         points, fields = read_point_field(Path(path).read_bytes(), name)

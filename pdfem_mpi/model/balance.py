@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pdfem_mpi.kernels.dense import product, solve
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import PAIRS, combine, modes_at, motion_names, name_motion, rigid_modes, symmetric
 from pdfem_mpi.model.parts import (
@@ -127,8 +128,8 @@ def _out_of_balance(model: Model, parts: Parts, unsupported: tuple[UnsupportedPa
     sums = sum_over_parts(model.comm, Parts(np.maximum(which, 0), len(unsupported)), which >= 0, table)
     found = []
     for part, row in zip(unsupported, sums, strict=True):
-        work = np.abs(part.motions @ row[:6])
-        gross = np.abs(part.motions) @ row[6:]
+        work = np.abs(product(part.motions, row[:6]))
+        gross = product(np.abs(part.motions), row[6:])
         if (work > BALANCE_TOLERANCE * gross.max()).any():
             found.append((part, row, int(np.argmax(work))))
     return found
@@ -158,8 +159,8 @@ def remove_free_motion(
     motion = np.zeros((len(unsupported), 6))
     for k, part in enumerate(unsupported):
         gram = symmetric(sums[k, :21])
-        amounts = np.linalg.solve(part.motions @ gram @ part.motions.T, part.motions @ sums[k, 21:])
-        motion[k] = amounts @ part.motions
+        kept = product(product(part.motions, gram), part.motions.T)
+        motion[k] = product(solve(kept, product(part.motions, sums[k, 21:])), part.motions)
     for mode in range(6):
         rows[inside] -= motion[which[inside], mode, None] * modes[:, mode]
     u[:] = model.unknowns.join(rows)

@@ -14,6 +14,7 @@ from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.loads import BodyForce, Force
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.kernels.dense import product, solve
 from pdfem_mpi.model.balance import find_unbalanced, remove_free_motion, without_equilibrium
 from pdfem_mpi.model.body_forces import density, lump_on_nodes, point_forces
 from pdfem_mpi.model.gauges import Gauge, gauge_of
@@ -281,7 +282,8 @@ def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
     weighted = case.volume * u
     work = exact_dots(model.comm, ((weighted, mode) for mode in rigid_modes(model)))
     motions = case.free_motions
-    u -= combine(model, np.linalg.solve(motions @ case.rigid_gram @ motions.T, motions @ work) @ motions)
+    kept = product(product(motions, case.rigid_gram), motions.T)
+    u -= combine(model, product(solve(kept, product(motions, work)), motions))
     tie(model, u)
 
 

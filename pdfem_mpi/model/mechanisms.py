@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from pdfem_mpi.kernels.dense import eigen, product
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import MOTION_NAMES, NO_ROTATION, PAIRS, modes_at, symmetric
 from pdfem_mpi.model.parts import Parts, describe_parts, positions, sum_over_parts
@@ -40,7 +41,10 @@ def describe_motion(model: Model, motion: np.ndarray) -> str:
     table[:, 21:] = (modes * (rows / peak)[:, None]).sum(axis=2)
     fit = sum_over_parts(model.comm, region, inside, table)[0]
     gram = symmetric(fit[:21])
-    amounts = np.linalg.lstsq(gram, fit[21:], rcond=NO_ROTATION)[0]
+    values, vectors = eigen(gram)
+    along = product(vectors.T, fit[21:])
+    real = values > NO_ROTATION * values[-1]
+    amounts = product(vectors, np.where(real, along / np.where(real, values, 1.0), 0.0))
     shares = amounts**2 * np.diag(gram)
     if shares[3:].sum() > TURNING * shares.sum():  # about an axis beside the region it looks like a translation
         shares[:3] = 0.0

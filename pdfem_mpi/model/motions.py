@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from pdfem_mpi.kernels.dense import eigen, orthonormal_rows, product
 from pdfem_mpi.mesh.rigid_motions import rigid_motions, write_rigid_motion
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import sum_integers
@@ -30,7 +31,7 @@ def symmetric(lower: np.ndarray) -> np.ndarray:
 
 def left_free(inertia: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """Motions of a part, (n_motions, 6), that are motions at all and that its supports do not keep."""
-    values, axes = np.linalg.eigh(inertia)
+    values, axes = eigen(inertia)
     radius = math.sqrt(max(values[-1], 0.0))
     real = values > NO_ROTATION * max(values[-1], 1e-300)
     basis = np.zeros((3 + np.count_nonzero(real), 6))  # translations, and rotations that move the part as much
@@ -38,9 +39,9 @@ def left_free(inertia: np.ndarray, kept: np.ndarray) -> np.ndarray:
     if radius > 0.0:
         basis[3:, 3:] = axes[:, real].T / np.sqrt(values[real])[:, None]
     gram = symmetric(kept)
-    strength, vectors = np.linalg.eigh(basis @ gram @ basis.T)
-    free = vectors[:, strength <= FREE * max(strength[-1], 0.0)].T @ basis
-    return np.linalg.qr(free.T)[0].T if len(free) else free
+    strength, vectors = eigen(product(product(basis, gram), basis.T))
+    free = product(vectors[:, strength <= FREE * max(strength[-1], 0.0)].T, basis)
+    return orthonormal_rows(free)
 
 
 def motion_names(motions: np.ndarray) -> str:
@@ -97,7 +98,7 @@ def free_motions(model: Model, fixed: np.ndarray, tied: bool = True) -> np.ndarr
     scale = 1.0 / np.sqrt(np.maximum(whole, 1e-300))
     pairs = ((a, b) for i, a in enumerate(on_supports) for b in on_supports[: i + 1])
     gram = symmetric(exact_dots(model.comm, pairs))
-    values, vectors = np.linalg.eigh((scale[:, None] * gram * scale)[np.ix_(kept, kept)])
+    values, vectors = eigen((scale[:, None] * gram * scale)[np.ix_(kept, kept)])
     free = np.zeros((np.count_nonzero(values <= FREE * values.max(initial=0.0)), 6))
     free[:, kept] = vectors[:, values <= FREE * values.max(initial=0.0)].T
     return free * scale

@@ -194,7 +194,7 @@ def sum_over_parts(comm, parts: Parts, chosen: np.ndarray, numbers: np.ndarray) 
     """Sums of rows of numbers over the parts, (count, n_columns), terms rounded to a column's quantum. Collective."""
     top = largest(comm, np.abs(numbers[chosen]).max(axis=0, initial=0.0))
     rows = int(sum_integers(comm, np.array([len(numbers)]))[0])
-    quanta = 2.0 ** (np.frexp(np.maximum(top, 1e-300))[1] - (61 - rows.bit_length()))
+    quanta = np.ldexp(1.0, np.frexp(np.maximum(top, 1e-300))[1] - (61 - rows.bit_length()))
     terms = np.rint(numbers[chosen] / quanta).astype(np.int64)
     sums = np.zeros((parts.count, numbers.shape[1]), np.int64)
     if parts.count == 1:

@@ -61,7 +61,7 @@ def traction_forces(share: Share, load: Traction | Pressure, chosen: ChosenFaces
         chosen_nodes = np.zeros(len(share.nodes), bool)
         chosen_nodes[faces] = True
         # a node on a mirror plane is shared with the other side
-        part = np.where(chosen_nodes, 0.5 ** np.count_nonzero(share.plane_components, axis=1), 0.0)
+        part = np.where(chosen_nodes, np.ldexp(1.0, -np.count_nonzero(share.plane_components, axis=1)), 0.0)
         (parts,) = share.exact_sums([part[share.subdomain.owned_nodes]]).tolist()
         nodal[chosen_nodes] = part[chosen_nodes, None] * (traction * whole / parts)
     else:

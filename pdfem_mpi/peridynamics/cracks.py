@@ -8,6 +8,7 @@ from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.cracks import AnyCrack
 from pdfem_mpi.deck.peridynamics import polygon_normal
 from pdfem_mpi.kernels.bond_cuts import cut_rows
+from pdfem_mpi.kernels.dense import lengths
 from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.clusters import by_component
@@ -45,7 +46,7 @@ def cut_faces(share: Share, points: Points, bonds: Bonds) -> None:
                 continue
             for triangle in (corners[[0, 1, 2]], corners[[0, 2, 3]]):
                 normal = np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
-                _cut(points, bonds, np.ascontiguousarray(triangle), normal / np.sqrt(normal @ normal))
+                _cut(points, bonds, np.ascontiguousarray(triangle), normal / lengths(normal))
 
 
 def cut_bonds(comm, points: Points, bonds: Bonds, polygon: np.ndarray, normal: np.ndarray) -> int:

@@ -86,7 +86,7 @@ def solve_families(change: np.ndarray, moment: np.ndarray) -> np.ndarray:
     adjugate = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
     determinant = a[..., 0] * adjugate[..., 0, 0] + a[..., 1] * adjugate[..., 1, 0] + a[..., 2] * adjugate[..., 2, 0]
     mean = (moment[..., 0, 0] + moment[..., 1, 1] + moment[..., 2, 2]) / 3.0
-    tells = determinant > FLAT * mean**3
+    tells = determinant > FLAT * (mean * mean * mean)
     inverse = adjugate / np.where(tells, determinant, np.nan)[..., None, None]
     result = np.zeros_like(change)
     for k in range(3):  # written out: a product of batches may round otherwise in another batch

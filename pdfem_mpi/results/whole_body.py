@@ -13,6 +13,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from pdfem_mpi.kernels.dense import lengths
 from pdfem_mpi.results.export import Part
 
 #: Sides on which the Gauss points of a cell lie, x first, and its corners, in VTK's order.
@@ -112,7 +113,7 @@ class Body:
         for part in self._parts:
             values = self._on_cells(part, base, frame)
             if values.ndim == 2:
-                values = values[:, COMPONENTS.index(component)] if vector else np.linalg.norm(values, axis=1)
+                values = values[:, COMPONENTS.index(component)] if vector else lengths(values)
             parts.append(values)
         return np.concatenate(parts)
 
@@ -180,7 +181,7 @@ def _together(places: np.ndarray, extended: np.ndarray, own: np.ndarray) -> np.n
     flat = extended.reshape(-1, 3)
     count = np.bincount(places)
     mean = np.stack([np.bincount(places, flat[:, d]) / count for d in range(3)], axis=1)[places]
-    away = np.linalg.norm(flat - mean, axis=1)
+    away = lengths(flat - mean)
     widest = np.zeros(len(count))
     np.maximum.at(widest, places, away)
     inner = widest[count > 1]

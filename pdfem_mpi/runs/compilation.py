@@ -10,6 +10,7 @@ import numba
 
 from pdfem_mpi import kernels as package
 from pdfem_mpi.kernels import (
+    banded,
     bond_cuts,
     bond_densities,
     bond_failure,
@@ -18,11 +19,13 @@ from pdfem_mpi.kernels import (
     bond_sweeps,
     bond_tangent,
     correction_sweeps,
+    dense,
     dilatation_fit,
     dilatation_sweeps,
     dilatations,
     families,
     foretold,
+    fronts,
     gap_cuts,
     interpolation,
     krylov,
@@ -78,6 +81,12 @@ NEEDED_BY = {
         for table in (dilatation_sweeps.CHANGES, volumetric_sweeps.TANGENTS)
         for (_, weighted), sweep in table.items()
     },
+    banded: {"cg"},
+    dense.add_product: {"cg"},
+    dense.eliminate: {"cg"},
+    dense.make_orthonormal: {"cg"},
+    dense.remove_rows: {"cg"},
+    fronts: {"fitted"},
     bond_moments: {"fitted"},
     bond_stresses: {"stresses"},
     bond_tangent: {"finite", "cg"},
@@ -164,7 +173,15 @@ def compile_kernels(features: Collection[str] | None = None, share: int = 0, n_s
 
 
 def not_compiled(features: Collection[str] | None = None) -> int:
-    """How many of the kernels are not in the cache."""
+    """How many of the kernels are not in the cache, compiled from this source for this processor."""
     if numba.config.DISABLE_JIT:
         return 0
-    return sum(not os.path.exists(_cache_file(kernel)) for kernel in kernels(features))
+    return sum(not _is_cached(kernel, tuple(signature.args)) for kernel, signature in kernels(features).items())
+
+
+def _is_cached(kernel: Any, arguments: tuple[Any, ...]) -> bool:
+    """Whether the cache, which several kinds of processors may share, has what a compilation would find."""
+    cache = kernel._cache
+    if not os.path.exists(_cache_file(kernel)):
+        return False
+    return cache._index_key(arguments, kernel.targetctx.codegen()) in cache._cache_file._load_index()

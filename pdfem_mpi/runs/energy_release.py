@@ -16,6 +16,7 @@ from pdfem_mpi.deck.mechanical_probes import EnergyReleaseProbe, front_of
 from pdfem_mpi.deck.peridynamics import Crack, polygon_normal
 from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.kernels.dense import lengths
 from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.runs.simulation import Simulation
@@ -95,7 +96,7 @@ def _width(simulation: Simulation, probe: EnergyReleaseProbe) -> float:
     along = np.cross(normal, probe.direction)
     extent = simulation.share.mesh.upper - simulation.share.mesh.lower
     # of a front along an axis that is the body's edge, else the longest line within its box
-    shares = np.abs(along) / np.linalg.norm(along)
+    shares = np.abs(along) / lengths(along)
     return float(min(extent[d] / shares[d] for d in range(3) if shares[d] > ON_MIRROR))
 
 

@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pdfem_mpi.body.materials import materials_of
 from pdfem_mpi.body.share import Share
@@ -196,6 +195,8 @@ def _reaches_into_overlap(scene: Scene, share: Share) -> bool:
 
 def _reaches_here(scene: Scene, share: Share) -> bool:
     """The same of the overlap cells of this rank."""
+    from scipy.spatial import cKDTree
+
     classes, stretch = point_classes(scene, share), critical_stretches(scene, share)
     follows = share.is_overlap & share.is_owned
     corners = share.nodes[share.mesh.cells]

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import psutil
-from scipy.spatial import cKDTree
 
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.meshes import FileMesh
@@ -160,11 +159,12 @@ def _count_bonds(share: Share, cells: np.ndarray) -> tuple[float, float]:
     )
     n_real = len(with_points) - len(subdomain.images)
     centroids = (mesh.centroids - share.units.origin) / share.units.length
-    tree = cKDTree(sign * centroids[with_points] + shift)
+    centres = sign * centroids[with_points] + shift
     reach = share.cutoff + 2.0 * half_edges
-    near = tree.query_ball_point(centroids[sample], reach)
     rows = bonds = 0
-    for cell, found in zip(sample, near, strict=True):
+    for cell in sample:
+        found = np.flatnonzero(np.abs(centres[:, 0] - centroids[cell, 0]) <= reach)
+        found = found[((centres[found] - centroids[cell]) ** 2).sum(axis=1) <= reach**2]
         others = np.array([other for other in found if other >= n_real or with_points[other] != cell], np.int64)
         others = others[share.body[with_points[others]] == share.body[cell]]
         x = gauss_positions(nodes[mesh.cells[[cell]]]).reshape(8, 1, 3)

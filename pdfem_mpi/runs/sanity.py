@@ -9,6 +9,7 @@ import numpy as np
 from pdfem_mpi.body.materials import materials_of
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.kernels.dense import lengths
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.clusters import point_rows
@@ -148,7 +149,7 @@ def largest_gradient(forces: Forces, shortest_edge: float) -> float:
         u = forces.point_displacements().reshape(-1, 8, 3)
         x = point_rows(model.points.x).reshape(-1, 8, 3)[: len(u)]
         for a, b in _PAIRS:
-            moved, apart = (np.linalg.norm(table[:, b] - table[:, a], axis=1) for table in (u, x))
+            moved, apart = (lengths(table[:, b] - table[:, a]) for table in (u, x))
             found = max(found, float((moved / apart).max(initial=0.0)))
     if model.elements:
         found = max(found, float(forces.met[1]) / shortest_edge)

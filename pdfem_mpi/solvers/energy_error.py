@@ -15,13 +15,35 @@ Electron. Trans. Numer. Anal. 13, 2002.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import eigvalsh_tridiagonal
 
 #: Steps that the rate is taken over, and the slowest rate that is believed.
 STEPS, SLOWEST = 4, 0.9
+
+#: Halvings of the interval with the smallest eigenvalue: to the last digit.
+HALVINGS = 60
+
+
+def smallest_eigenvalue(diagonal: list[float], squares: list[float]) -> float:
+    """That of a symmetric tridiagonal matrix with ``squares`` of the entries beside its diagonal, by halving.
+
+    A shift is below it when all pivots of the elimination are positive (Sturm's sequence).
+    """
+    roots = [math.sqrt(square) for square in squares]
+    around = [a + b for a, b in zip([0.0, *roots], [*roots, 0.0], strict=True)]
+    low, high = min(d - a for d, a in zip(diagonal, around, strict=True)), min(diagonal)
+    for _ in range(HALVINGS):
+        middle, pivot, below = 0.5 * (low + high), 1.0, True
+        for d, square in zip(diagonal, [0.0, *squares], strict=True):
+            pivot = d - middle - square / pivot
+            if not pivot > 0.0:
+                below = False
+                break
+        low, high = (middle, high) if below else (low, middle)
+    return 0.5 * (low + high)
 
 
 @dataclass
@@ -50,7 +72,7 @@ class Coefficients:
         diagonal = 1.0 / alpha
         diagonal[1:] += beta[1:] / alpha[:-1]
         beside = np.sqrt(beta[1:]) / alpha[:-1]
-        return float(eigvalsh_tridiagonal(diagonal, beside)[0])
+        return smallest_eigenvalue(diagonal.tolist(), (beside**2).tolist())
 
     def square_error(self) -> float | None:
         """Estimated square of the energy norm of the error after the last step; None after a single one."""

@@ -87,6 +87,29 @@ def prepare_environment(environ: Environment = os.environ) -> str | None:
     return reason
 
 
+def slow_processor(environ: Environment = os.environ) -> str | None:
+    """Return a sentence where kernels have no fused multiply-adds of four lanes: they call the C library for each.
+
+    What numba is told to compile for counts, else what the system says of the processor.
+    """
+    if features := environ.get("NUMBA_CPU_FEATURES"):
+        has = {word[1:] for word in features.split(",") if word.startswith("+")}
+    elif environ.get("NUMBA_CPU_NAME"):
+        return None
+    else:
+        match = re.search(r"^flags\s*:\s*(.+)$", _cpuinfo(), re.MULTILINE)
+        if match is None:
+            return None  # of another kind than x86, or not Linux
+        has = set(match.group(1).split())
+    lacking = [name for name in ("avx2", "fma") if name not in has]
+    if not lacking:
+        return None
+    return (
+        f"this processor has no {' and no '.join(lacking)}: results are as exact, their last digits may be others, and "
+        "runs take many times as long. Use one of 2013 or later."
+    )
+
+
 def compile_cache() -> tuple[Path, str | None]:
     """Return a folder for compiled kernels that nobody else can write, and a sentence if it is not the usual one.
 
@@ -117,13 +140,16 @@ def compile_cache() -> tuple[Path, str | None]:
     )
 
 
+def _cpuinfo() -> str:
+    try:
+        return Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+
+
 def cpu_name() -> str:
     """Return the model name of the CPU."""
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        text = ""
-    match = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
+    match = re.search(r"^model name\s*:\s*(.+)$", _cpuinfo(), re.MULTILINE)
     return match.group(1).strip() if match else platform.processor() or platform.machine() or "unknown"
 
 

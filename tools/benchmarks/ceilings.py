@@ -5,7 +5,20 @@ Nothing here is used by a simulation.
 
 from numba import config, njit, types
 
-from pdfem_mpi.kernels.bond_response import V1, V2, V3, V4, V5, V6, V7, V8, response_by_series, u8
+from pdfem_mpi.kernels.bond_response import (
+    V1,
+    V2,
+    V3,
+    V4,
+    V5,
+    V6,
+    V7,
+    V8,
+    ask_ahead,
+    numbers_of,
+    response_by_series,
+    u8,
+)  # fmt: skip
 from pdfem_mpi.kernels.simd import W, above, fma, fnma, hsum, lanes, largest, load, splat, store
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
@@ -114,6 +127,7 @@ def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table
         Points with a bond beyond the limit.
     """
     zero = splat(0.0)
+    numbers = numbers_of(table)
     count = 0
     for i in range(first, last):
         r, end = u8(row_start[i]), u8(row_start[i + 1])
@@ -133,13 +147,14 @@ def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table
         while r < end:
             r += u8(1)
             b_next, o_next = u8(row_offset[r]), o + u8(2 * W)
+            ask_ahead(row_offset, row_data, r, o_next)
             dx, hx = load(S, b_next) - ux, load(S, b_next + V3) - zx
             dy, hy = load(S, b_next + V1) - uy, load(S, b_next + V4) - zy
             dz, hz = load(S, b_next + V2) - uz, load(S, b_next + V5) - zz
             e_next = fma(dx, hx, fma(dy, hy, dz * hz)) * load(row_data, o_next + V1)
             hx, hy, hz = hx + dx, hy + dy, hz + dz
             top = largest(e, top)
-            f = response_by_series(load(row_data, o), e, table)
+            f = response_by_series(load(row_data, o), e, numbers)
             fx, fy, fz = fma(f, gx, fx), fma(f, gy, fy), fma(f, gz, fz)
             store(S, b + V6, fnma(f, gx, load(S, b + V6)))
             store(S, b + V7, fnma(f, gy, load(S, b + V7)))

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pdfem_mpi.kernels.dense import solve as solve_dense
 from pdfem_mpi.kernels.dilatation_fit import ENTRIES, ROWS, N, add_divergence_blocks, add_divergences, write_weights
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
@@ -146,9 +147,9 @@ class _System:
         above = np.triu_indices(N)
         block[:, above[0], above[1]] = packed
         block[:, above[1], above[0]] = packed
-        trace = np.einsum("naa->n", block)
+        trace = block[:, range(N), range(N)].sum(axis=1)
         block[:, range(N), range(N)] += (PIN * trace + 1e-300)[:, None]
-        self.inverse = np.linalg.inv(block)
+        self.inverse = solve_dense(block, np.broadcast_to(np.eye(N), block.shape))
 
     def precondition(self, r: np.ndarray) -> np.ndarray:
         """``B^-1 r``, entry by entry: the same bits whatever stands beside."""

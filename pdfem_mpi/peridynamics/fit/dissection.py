@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 
-from pdfem_mpi.kernels.fronts import solve_fronts
+from pdfem_mpi.kernels.dense import product
+from pdfem_mpi.kernels.fronts import MARGIN, eliminate_front, solve_fronts
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class BlockMatrix:
         row = local[self.column[entry]]
         entry, which, row = entry[row >= 0], which[row >= 0], row[row >= 0]
         dense = np.zeros((n_rows // size, size, len(nodes), size))
-        blocks = np.tensordot(self.values[entry], self.tables, axes=1)
+        blocks = product(self.values[entry], self.tables)
         dense[row, :, which, :] = blocks.swapaxes(1, 2)  # (i, j) is given, (j, i) its transpose is wanted
         dense = dense.reshape(n_rows, -1)
         own = np.arange(len(nodes) * size)
@@ -142,7 +142,7 @@ def factorise(matrix: BlockMatrix, fronts: list[Front]) -> Factor:
 
     Raises
     ------
-    numpy.linalg.LinAlgError
+    ArithmeticError
         The matrix is not positive.
     """
     size = matrix.tables.shape[1]
@@ -156,24 +156,22 @@ def factorise(matrix: BlockMatrix, fronts: list[Front]) -> Factor:
         nodes = np.concatenate([front.nodes, front.around])
         m, n = own_size[index], whole_size[index]
         local[nodes] = np.arange(len(nodes))
-        dense = np.zeros((n, n))
-        dense[:, :m] = matrix.columns_of(front.nodes, local, n)  # what was eliminated before is in the children
+        dense = np.zeros((n + MARGIN, n + MARGIN))
+        dense[:m, :n] = matrix.columns_of(front.nodes, local, n).T  # what was eliminated before is in the children
         for child in front.children:
             around, left = waiting.pop(child)
             where = (size * local[around][:, None] + np.arange(size)).reshape(-1)
             dense[np.ix_(where, where)] += left
         local[nodes] = -1
-        left = dense[m:, m:]
-        if m:
-            corner = cholesky(dense[:m, :m], lower=True, check_finite=False)
-            below = solve_triangular(corner, dense[m:, :m].T, lower=True, check_finite=False).T
-            left = left - below @ below.T
-            np.fill_diagonal(corner, 1.0 / np.diagonal(corner))
-            at = place[index]
-            for c in range(m):
-                entries[at : at + m - c] = corner[c:, c]
-                entries[at + m - c : at + n - c] = below[:, c]
-                at += n - c
+        if eliminate_front(dense.reshape(-1), n + MARGIN, n, m) >= 0:
+            raise ArithmeticError("the matrix of the fit is not positive")
+        at = place[index]
+        for c in range(m):
+            entries[at : at + n - c] = dense[c, c:n]
+            entries[at] = 1.0 / dense[c, c]
+            at += n - c
+        left = np.triu(dense[m:n, m:n])
+        left += np.triu(left, 1).T
         waiting[index] = front.around, left
         rows[start[index] : start[index + 1]] = (size * nodes[:, None] + np.arange(size)).reshape(-1)
     return Factor(start, own_size, rows, place, entries)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdfem_mpi.kernels.dense import product, without_components
 from pdfem_mpi.kernels.moment_grid import interpolate_moments, restrict_moments
 from pdfem_mpi.kernels.monomials import MONOMIALS, MULTIPLICITY, N
 from pdfem_mpi.kernels.simd import W
@@ -51,7 +52,7 @@ class FactorGrid:
     number : int64, shape (n_grid_nodes,)
         Numbers of the nodes that touch the body, -1 for others.
     factor : Factor
-    free : float64, shape (n_unknowns, at most 50)
+    free : float64, shape (at most 50, n_unknowns)
         Orthonormal free motions. They are kept out of the solve: round-off along them would be amplified by the
         inverse of ``PIN``.
     """
@@ -72,14 +73,11 @@ class FactorGrid:
 
     def add_correction(self, comm, r: np.ndarray, quantum: float, stiffness: float, z: np.ndarray) -> None:
         """``z += T (stiffness C)^-1 T^t r`` for the owned points, vectors of shape (n_clusters, 10, 4). Collective."""
-        sums = np.zeros((len(self.free) // N, N), np.int64)
+        sums = np.zeros((self.free.shape[1] // N, N), np.int64)
         restrict_moments(*self.arrays, r.reshape(-1), quantum, sums)
-        right = self._held((sum_integers(comm, sums) * quantum).reshape(-1))
-        correction = self._held(self.factor.solve(right)) / stiffness
+        right = without_components(self.free, (sum_integers(comm, sums) * quantum).reshape(-1))
+        correction = without_components(self.free, self.factor.solve(right)) / stiffness
         interpolate_moments(*self.arrays, correction.reshape(-1, N), z.reshape(-1))
-
-    def _held(self, x: np.ndarray) -> np.ndarray:
-        return x - self.free @ (self.free.T @ x)
 
 
 def tensor(cutoff: float) -> np.ndarray:
@@ -151,7 +149,7 @@ def make_factor_grid(
         number=number,
         factor=factorise(matrix, dissect(counts, number)),
         # a slack holds them all
-        free=np.zeros((N * len(used), 0)) if omega else free_motions(index * (0.5 / inverse_h)),
+        free=np.zeros((0, N * len(used))) if omega else free_motions(index * (0.5 / inverse_h)),
     )
 
 
@@ -199,7 +197,7 @@ def _assemble(
     keys, entry = np.unique(keys, return_inverse=True)
 
     def assembled(derivatives, weights):
-        products = weights[active] @ moment_table(derivatives, 2).reshape(125, 27**2)
+        products = product(weights[active], moment_table(derivatives, 2).reshape(125, 27**2))
         return np.bincount(entry, products.reshape(-1), len(keys))
 
     axes = [(d, e) for d in range(3) for e in range(3)]
@@ -210,7 +208,7 @@ def _assemble(
         tables = np.concatenate([tables, np.eye(N)[None]])
     values = np.stack(values, axis=1)
     of_diagonal = np.flatnonzero(keys // n_nodes == keys % n_nodes)
-    diagonal = (values[of_diagonal] @ tables.diagonal(axis1=1, axis2=2)).reshape(-1)
+    diagonal = product(values[of_diagonal], tables.diagonal(axis1=1, axis2=2)).reshape(-1)
     matrix = BlockMatrix(
         start=np.searchsorted(keys, n_nodes * np.arange(n_nodes + 1)),
         column=keys % n_nodes,

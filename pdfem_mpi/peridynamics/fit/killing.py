@@ -4,6 +4,7 @@ from itertools import combinations_with_replacement, permutations
 
 import numpy as np
 
+from pdfem_mpi.kernels.dense import orthonormal_rows
 from pdfem_mpi.kernels.monomials import MONOMIALS, MULTIPLICITY, N
 from pdfem_mpi.mesh.rigid_motions import rigid_motions
 
@@ -12,7 +13,7 @@ INDEPENDENT = 1e-9
 
 
 def free_motions(x: np.ndarray) -> np.ndarray:
-    """An orthonormal basis of the Killing tensors' values at some positions, shape (10 n, at most 50).
+    """An orthonormal basis of the Killing tensors' values at some positions, shape (at most 50, 10 n).
 
     The symmetric products ``P Q R`` of three rigid motions span them; ``(v_i - v_j) . (n n n)`` is 0 for each of
     them and any two positions. Components are scaled as those of `bond_moments`.
@@ -27,5 +28,4 @@ def free_motions(x: np.ndarray) -> np.ndarray:
             for i, j, k in permutations(axes):
                 components[:, a] += p[:, i] * q[:, j] * r[:, k] / 6.0
         values.append((components * np.sqrt(MULTIPLICITY)).reshape(-1))
-    basis, sizes, _ = np.linalg.svd(np.stack(values, axis=1), full_matrices=False)
-    return np.ascontiguousarray(basis[:, sizes > INDEPENDENT * sizes[0]])
+    return orthonormal_rows(np.stack(values), INDEPENDENT)

@@ -6,6 +6,7 @@ A block is stored as its six entries xx, yy, zz, xy, yz, zx.
 import numpy as np
 
 from pdfem_mpi.finite_elements.nodes import assemble
+from pdfem_mpi.kernels.dense import eigen
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import largest
@@ -82,7 +83,7 @@ def inverted(blocks: np.ndarray, fixed: np.ndarray, limit: np.ndarray) -> np.nda
     """
     matrix = blocks[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3).copy()
     matrix[fixed[:, :, None] | fixed[:, None, :]] = 0.0
-    values, vectors = np.linalg.eigh(matrix)
+    values, vectors = eigen(matrix)
     limit = limit[:, None]
     inverse = np.where(values > limit, 1.0 / np.maximum(values, np.maximum(limit, 1e-300)), 0.0)
     full = np.zeros_like(matrix)

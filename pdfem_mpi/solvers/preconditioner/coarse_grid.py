@@ -10,12 +10,13 @@ multigrid cycle over nested grids takes the place of the direct solve, down to a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
+from itertools import product as pairs_of
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import sparse
 
 from pdfem_mpi.body.share import Share
+from pdfem_mpi.kernels.dense import orthonormal_rows, product, without_components
 from pdfem_mpi.kernels.element_tables import lame_moduli
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, gauss_positions, gauss_volumes
 from pdfem_mpi.kernels.multigrid import interpolate, restrict
@@ -25,6 +26,9 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.halo import Halo, build_halo
 from pdfem_mpi.solvers.preconditioner.levels import Level, solve
 from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts, nested_levels
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 #: Added to the diagonal, relative: pins the rigid motions of free bodies.
 PIN = 1e-8
@@ -45,7 +49,7 @@ class Grid:
         Of the grid nodes that touch the body: rank 0 owns them all, others see those around their nodes.
     levels : tuple of Level
         From fine to coarse; rank 0 has them, others none.
-    free : float64, shape (3 n_nodes, n_motions)
+    free : float64, shape (n_motions, 3 n_nodes)
         Orthonormal rigid motions that nothing holds. They are kept out of the solve: round-off along them would
         be amplified by the inverse of ``PIN``.
     known : int64
@@ -78,12 +82,10 @@ class Grid:
         self.halo.scatter_reverse(sums)
         correction = np.zeros((self.n_nodes, 3))
         if self.levels:
-            correction[:] = self._held(solve(self.levels, self._held((sums * quantum).reshape(-1)))).reshape(-1, 3)
+            right = without_components(self.free, (sums * quantum).reshape(-1))
+            correction[:] = without_components(self.free, solve(self.levels, right)).reshape(-1, 3)
         self.halo.scatter_forward(correction)
         interpolate(self.corners, self.weights, correction, z)
-
-    def _held(self, x: np.ndarray) -> np.ndarray:
-        return x - self.free @ (self.free.T @ x)
 
 
 def make_grid(
@@ -139,7 +141,7 @@ def make_grid(
         number, matrix = _stiffness(of_ratios, stiffest, h, counts, ratios, spring)
         known = np.flatnonzero(number >= 0)
         index = np.stack(np.unravel_index(known, counts + 1), axis=1)
-        free = np.linalg.qr((motions @ rigid_motions(lower + index * h).reshape(6, -1)).T)[0]
+        free = orthonormal_rows(product(motions, rigid_motions(lower + index * h).reshape(6, -1)))
         levels = nested_levels(number, matrix, counts, n_halvings)
     weights = np.ones((len(where), 8))
     for d in range(3):
@@ -225,6 +227,8 @@ def _stiffness(moments, stiffest, h, counts, ratios, spring: float) -> tuple[np.
     stiffest : float64, shape (n_cells,)
         Largest Young's modulus in each grid cell; a node is pinned in proportion to that around it.
     """
+    from scipy import sparse
+
     active = (moments[: len(ratios), :, 0] > 0.0).any(axis=0)
     cells = cell_nodes(counts)[active]
     number = np.full(int(np.prod(counts + 1)), -1)
@@ -234,8 +238,8 @@ def _stiffness(moments, stiffest, h, counts, ratios, spring: float) -> tuple[np.
     stiffness = np.zeros((len(cells), 8, 3, 8, 3))
     for k, nu in enumerate(ratios):
         lam, mu = (float(modulus[0]) for modulus in lame_moduli(np.ones(1), float(nu)))
-        for a, b in product(range(3), repeat=2):
-            products = moments[k, active] @ moment_table((a, b)).reshape(27, 64) / (h[a] * h[b])
+        for a, b in pairs_of(range(3), repeat=2):
+            products = product(moments[k, active], moment_table((a, b)).reshape(27, 64)) / (h[a] * h[b])
             products = products.reshape(-1, 8, 8)
             stiffness[:, :, a, :, b] += lam * products
             stiffness[:, :, b, :, a] += mu * products
@@ -243,7 +247,7 @@ def _stiffness(moments, stiffest, h, counts, ratios, spring: float) -> tuple[np.
                 for c in range(3):
                     stiffness[:, :, c, :, c] += mu * products
     for d in range(3):
-        held = moments[len(ratios) + d, active] @ moment_table((None, None)).reshape(27, 64)
+        held = product(moments[len(ratios) + d, active], moment_table((None, None)).reshape(27, 64))
         stiffness[:, :, d, :, d] += spring * held.reshape(-1, 8, 8)
 
     dofs = (3 * number[cells][:, :, None] + np.arange(3)).reshape(-1, 24).astype(np.int32)  # a quarter of the peak less

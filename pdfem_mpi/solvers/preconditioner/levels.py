@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import sparse
-from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from pdfem_mpi.kernels.banded import factor_of_band, solution_of_band
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 #: Damping and number of Jacobi steps before and after each correction of a multigrid cycle.
 DAMPING, SMOOTHINGS = 0.5, 2
@@ -14,23 +18,27 @@ DAMPING, SMOOTHINGS = 0.5, 2
 
 @dataclass(frozen=True)
 class Factor:
-    """Cholesky factor of a banded matrix.
+    """Cholesky factor of a banded matrix, laid out as in `kernels.banded`.
 
     Attributes
     ----------
-    entries : float64, shape (half_band + 1, n_unknowns)
-        Diagonals of the lower triangle.
+    corners : float64, shape (n_groups * 16,)
+    panels : float32, shape (n_groups * 4 * reach,)
+    reach : int
+        Rows of a panel.
     order : int64, shape (n_unknowns,)
         Unknowns in the order of the factor, the longest axis of the grid outermost.
     """
 
-    entries: np.ndarray
+    corners: np.ndarray
+    panels: np.ndarray
+    reach: int
     order: np.ndarray
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solution for one right-hand side, both of shape (n_unknowns,)."""
         x = np.empty_like(right)
-        x[self.order] = cho_solve_banded((self.entries, True), right[self.order], overwrite_b=True, check_finite=False)
+        x[self.order] = solution_of_band(self.corners, self.panels, self.reach, right[self.order])
         return x
 
 
@@ -59,7 +67,7 @@ def solve(levels: tuple[Level, ...], right: np.ndarray) -> np.ndarray:
 
 
 def factorise(matrix, number: np.ndarray, counts: np.ndarray) -> Factor:
-    """Factor of a symmetric positive matrix on a grid's nodes in use.
+    """Factor of a symmetric positive matrix on a grid's nodes in use, computed in double precision.
 
     Parameters
     ----------
@@ -67,7 +75,14 @@ def factorise(matrix, number: np.ndarray, counts: np.ndarray) -> Factor:
     number : int64, shape (n_grid_nodes,)
         Numbers of the grid nodes in use, -1 elsewhere.
     counts : int64, shape (3,)
+
+    Raises
+    ------
+    ArithmeticError
+        The matrix is not positive.
     """
+    from scipy import sparse
+
     index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1))
     nodes = np.lexsort(index[np.argsort(counts, kind="stable")])
     order = (3 * nodes[:, None] + np.arange(3)).reshape(-1)
@@ -76,6 +91,5 @@ def factorise(matrix, number: np.ndarray, counts: np.ndarray) -> Factor:
     entries = sparse.coo_array(matrix)
     row, column = place[entries.row], place[entries.col]
     lower = row >= column
-    band = np.zeros((int((row - column).max(initial=0)) + 1, len(order)))
-    band[(row - column)[lower], column[lower]] = entries.data[lower]
-    return Factor(cholesky_banded(band, lower=True, overwrite_ab=True, check_finite=False), order)
+    row, column, values = row[lower], column[lower], entries.data[lower]
+    return Factor(*factor_of_band(row, column, values, len(order)), order)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy import sparse
 
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.mesh.background_grid import CORNERS
 from pdfem_mpi.solvers.preconditioner.levels import DAMPING, Level, factorise
 
+if TYPE_CHECKING:
+    from scipy import sparse
+
 #: Spacing of the grid in cell edges; of bodies with more cells than that, the wider one: a third of the grid's work and
 #: memory for one or two iterations more (docs/scaling.md).
 COARSENING, WIDER, MANY_CELLS = 2.0, 3.0, 50_000
-#: Most entries of the factor, 8 bytes each on every rank: unknowns times half a band.
+#: Most entries of the factor, unknowns times half a band: 4 bytes each on rank 0, and 8 more while it is made.
 MOST_FILL = 2.5e7
 
 
@@ -71,6 +75,8 @@ def _prolongation(number: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, s
     number : int64, shape (n_coarser_grid_nodes,)
     prolongation : sparse, shape (n_unknowns, n_coarser_unknowns)
     """
+    from scipy import sparse
+
     coarser = _halved(counts, 1)
     ratio = np.where(counts == coarser, 1, 2)
     index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)

@@ -1,5 +1,8 @@
 """The law of a bond that softens: its energy, its teeth, the strength of a body, and what has no law."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -175,3 +178,9 @@ def test_all_materials_without_a_law_are_told_at_once():
         laws_of_bonds(scene, LENGTH, CUTOFF)
     assert len(refused.value.messages) == 2
     assert all(message.startswith("peridynamics.internal_length = 3 is too long") for message in refused.value.messages)
+
+
+def test_decks_without_softening_do_without_the_optimiser():
+    """Its library is 10 MiB: it is loaded where a ratio or a kink is sought."""
+    code = "import sys, pdfem_mpi.runs.run; sys.exit('scipy.optimize' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0

@@ -42,7 +42,7 @@ def run(scene, comm, out, deck_text, overwrite, reporter, ways):
     sys.stdout.flush()
     return 75
 
-def check_scene(scene, comm, ranks=None):
+def check_scene(scene, comm, ranks=None, picture=None):
     return {"cells": str(scene.mesh.n_cells)}
 
 def stand_in(name, **members):

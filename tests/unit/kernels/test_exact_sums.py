@@ -13,6 +13,7 @@ from pdfem_mpi.kernels.exact_sums import (
     LOWEST,
     NOT_FINITE,
     SIZE,
+    add_any_terms,
     add_products,
     add_terms,
     carry,
@@ -84,6 +85,41 @@ def test_digits_hold_the_exact_sum_in_any_blocks_and_order(terms, block):
     """The digits themselves, not only the rounded value, hold one exact number."""
     digits = add(np.random.default_rng(block).permutation(terms), empty(), block)
     assert exact(digits) == total(terms)
+
+
+SPREADS = {"one size": 0, "within two digits": 45, "within three digits": 95, "beyond": 300}
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("spread", SPREADS.values(), ids=SPREADS)
+@pytest.mark.parametrize("exponent", [-955, -900, -760, -740, -200, 0, 31, 880, 905, 1000])
+def test_digits_below_the_largest_term_are_those_of_the_sum(spread, exponent):
+    """Two or three digits aligned to a block's largest term hold the same sum as a pass for each digit of the sum."""
+    rng = np.random.default_rng(abs(exponent) + spread)
+    terms = np.ldexp(rng.uniform(-1.0, 1.0, BLOCK), exponent - rng.integers(0, spread + 1, BLOCK))
+    terms[rng.integers(0, BLOCK, 40)] = 0.0
+    digits = empty()
+    add_any_terms(terms.copy(), BLOCK, digits)
+    carry(digits)
+    assert add(terms, empty()).tolist() == digits.tolist()
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 2.0**1012])
+def test_a_block_with_a_term_that_is_none_is_counted_and_adds_nothing(bad):
+    terms = np.random.default_rng(8).normal(size=BLOCK)
+    terms[77] = bad
+    digits = add(terms, empty())
+    assert digits[NOT_FINITE] == 1
+    assert not digits[:NOT_FINITE].any()
+
+
+def test_products_of_long_vectors_are_those_of_short_ones():
+    """Whole blocks are multiplied in lanes; the digits are those of the terms, also where products overflow."""
+    rng = np.random.default_rng(9)
+    x, y = rng.normal(size=(2, 3 * BLOCK + 5)) * 10.0 ** rng.integers(-170, 150, (2, 3 * BLOCK + 5))
+    digits = empty()
+    add_products(x, y, digits)
+    assert digits.tolist() == add(x * y, empty()).tolist()
 
 
 @cases

@@ -12,8 +12,11 @@ from pdfem_mpi.kernels.simd import (
     above,
     bits,
     both,
+    either,
     fma,
     fnma,
+    from_bits,
+    held,
     hmax,
     hmin,
     hsum,
@@ -24,10 +27,12 @@ from pdfem_mpi.kernels.simd import (
     largest,
     load,
     magnitude,
+    prefetch,
     root,
     smallest,
     splat,
     store,
+    unequal,
 )  # fmt: skip
 from support import helpers
 
@@ -110,6 +115,28 @@ def apply_both(x, y, out):
 
 
 @njit
+def apply_either(x, y, out):
+    store(out, 0, either(load(x, 0), load(y, 0)))
+
+
+@njit
+def apply_unequal(x, y, out):
+    store(out, 0, unequal(load(x, 0), load(y, 0)))
+
+
+@njit
+def apply_held(x, out):
+    prefetch(x, 10**6)
+    prefetch(x, -(10**6))
+    store(out, 0, held(x[1]))
+
+
+@njit
+def number_of(pattern):
+    return from_bits(pattern)
+
+
+@njit
 def horizontal(x):
     v = load(x, 0)
     return hmax(v), hmin(v), hsum(v), ihsum(v), lanes(v)
@@ -189,6 +216,26 @@ def test_largest_and_smallest_keep_the_second_of_equals_and_of_nan():
     zeros = np.array([0.0, 0.0, 0.0, 0.0])
     assert same_bits(result(apply_largest, zeros, -zeros), -zeros)
     assert same_bits(result(apply_smallest, zeros, -zeros), -zeros)
+
+
+@pytest.mark.nojit
+def test_unequal_is_a_full_mask():
+    """All bits set where the numbers differ, or one is none; zeros of both signs are equal."""
+    x, y = np.array([2.0, 1.0, np.nan, -0.0]), np.array([1.0, 1.0, np.nan, 0.0])
+    assert (as_integers(result(apply_unequal, x, y)) == [-1, 0, -1, 0]).all()
+
+
+@pytest.mark.nojit
+def test_either_and_from_bits():
+    x, y = np.array([3, 0, -1, 8]).view(float), np.array([5, 0, 2, 1]).view(float)
+    assert (as_integers(result(apply_either, x, y)) == [7, 0, -1, 9]).all()
+    assert number_of(pattern_of(-1.5)) == -1.5
+
+
+@pytest.mark.nojit
+def test_what_is_held_or_asked_for_keeps_its_bits():
+    """Memory far outside of an array may be asked for; nothing is read there."""
+    assert same_bits(result(apply_held, X), np.full(W, X[1]))
 
 
 @pytest.mark.nojit

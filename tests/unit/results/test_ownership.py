@@ -315,7 +315,7 @@ def test_a_run_that_is_refused_late_keeps_what_says_that_it_is_one(tmp_path, mon
     def refuse(*arguments):
         raise SceneError(["the loads are not balanced."])
 
-    monkeypatch.setattr("pdfem_mpi.runs.simulation.make_solver", refuse)
+    monkeypatch.setattr("pdfem_mpi.runs.assembly.make_solver", refuse)
     with pytest.raises(SceneError):
         alone(scene(), tmp_path / "run")
     monkeypatch.undo()

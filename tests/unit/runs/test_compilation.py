@@ -53,7 +53,9 @@ def test_calls_find_in_the_cache_what_was_compiled_ahead(tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
     ahead, called = (imported(path, name) for name in names)
     monkeypatch.setattr(warm_up, "MODULES", (ahead,))
+    assert warm_up.not_compiled() == 3
     warm_up.compile_kernels()
+    assert warm_up.not_compiled() == 0
     assert called.caller(np.array([3.0]), 2) == 3.5
     assert sum(called.caller.stats.cache_hits.values()) == 1
     assert not called.caller.stats.cache_misses
@@ -93,3 +95,18 @@ def test_kernels_are_shared_out_file_by_file(n):
     assert sorted(id(kernel) for share in shares for kernel in share) == sorted(map(id, warm_up.kernels()))
     files = [{kernel._cache._cache_file._index_path for kernel in share} for share in shares]
     assert sum(map(len, files)) == len(set.union(*files)) and all(files)
+
+
+def test_what_another_processor_compiled_counts_as_not_compiled(tmp_path, monkeypatch):
+    """Where different processors share a cache: kernels are compiled again, and the run says so."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    path = tmp_path / "kernels.py"
+    path.write_text(SOURCE)
+    monkeypatch.setitem(sys.modules, "kernels_shared", None)
+    module = imported(path, "kernels_shared")
+    monkeypatch.setattr(warm_up, "MODULES", (module,))
+    warm_up.compile_kernels()
+    assert warm_up.not_compiled() == 0
+    codegen = type(module.first.targetctx.codegen())
+    monkeypatch.setattr(codegen, "magic_tuple", lambda self: ("x86_64-unknown-linux-gnu", "another", "+avx2"))
+    assert warm_up.not_compiled() == 3

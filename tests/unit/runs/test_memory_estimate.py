@@ -65,7 +65,7 @@ def scene_of(cells=(12, 6, 6), **options) -> Scene:
 def test_a_scene_that_does_not_fit_is_refused_with_the_bytes_needed_and_available(tmp_path):
     scene = scene_of()
     need = memory.estimate(scene, local_share(scene))
-    built = patch("pdfem_mpi.runs.simulation.build_model", never)
+    built = patch("pdfem_mpi.runs.assembly.build_model", never)
     with available(int(need.bytes) - 1), built, pytest.raises(SceneError) as no:
         run(scene, mpi().COMM_SELF, tmp_path / "out", write_deck(scene), False, Silence())
     (message,) = no.value.messages

@@ -188,3 +188,21 @@ def test_mpirun_that_cannot_be_executed_is_a_sentence(tmp_path, monkeypatch):
     broken = tmp_path / "mpirun"
     with pytest.raises(launch.LaunchError, match="cannot be executed: No such file"):
         launch.become(launch.Launch([str(broken), "-n", "2"], {}, ""))
+
+
+@pytest.mark.parametrize(
+    ("cpuinfo", "environ", "told"),
+    [
+        ("flags\t: fpu sse2 avx avx2 fma", {}, None),
+        ("flags\t: fpu sse2 avx", {}, "no avx2 and no fma"),
+        ("flags\t: fpu sse2 avx avx2", {}, "no fma"),
+        ("Features\t: fp asimd", {}, None),
+        ("flags\t: fpu sse2 avx avx2 fma", {"NUMBA_CPU_FEATURES": "+sse2,-avx2,+avx"}, "no avx2 and no fma"),
+        ("flags\t: fpu sse2", {"NUMBA_CPU_NAME": "znver3"}, None),
+    ],
+)
+def test_a_processor_without_fused_lanes_is_told(monkeypatch, cpuinfo, environ, told):
+    """Its results are right, and late."""
+    monkeypatch.setattr(launch, "_cpuinfo", lambda: cpuinfo)
+    found = launch.slow_processor(environ)
+    assert found is None if told is None else told in found

@@ -62,8 +62,8 @@ def test_fifty_motions_lengthen_no_bond():
     """``(v_i - v_j) . (n n n)`` vanishes for all of them and any two positions."""
     x = np.random.default_rng(7).uniform(-1.0, 3.0, (40, 3))
     basis = free_motions(x)
-    assert basis.shape == (400, 50)
-    v = basis.reshape(40, 10, 50)
+    assert basis.shape == (50, 400)
+    v = basis.T.reshape(40, 10, 50)
     bond = x[1:] - x[:-1]
     t = np.sqrt(MULTIPLICITY) * np.prod(bond[:, None, :] ** MONOMIALS, axis=2)
     assert np.abs(np.einsum("ial,ia->il", v[1:] - v[:-1], t)).max() < 1e-12
