@@ -5,8 +5,8 @@ and add at every point what ``lambda`` lacks (the linear peridynamic solid of Si
 the paper as its influence function)::
 
     U = 1/2 sum_bonds k_ij e_ij^2 / r_ij + 1/2 sum_i M_i w_i theta_i^2,      M = lambda - mu
-    w_i theta_i = sum_j A_ij e_ij,                                         A_ij = k_ij / (10 mu_ij)
-    T_ij = k_ij e_ij / r_ij + A_ij (M_i theta_i + M_j theta_j)
+    w_i theta_i = sum_j A_ij e_ij,                                         A_ij = k_ij / (10 mu_i)
+    T_ij = k_ij e_ij / r_ij + A_ij M_i theta_i + A_ji M_j theta_j
 
 with ``e_ij`` the extension of a bond and ``k_ij = c exp(-r^2) g_ij w_i w_j``, ``c = 15 mu_ij / pi``. ``theta`` is the
 dilatation of every uniform strain in the bulk.
@@ -80,13 +80,12 @@ class Volumetric:
         ``M = lambda - mu``.
     shear : float64, shape (n_materials,), dimension stress
     factor : float64, shape (n_materials,), dimension 1 / stress
-        ``M / (10 mu)^2`` with ``mu = reference``.
+        ``M / (10 mu)^2``.
     scale : float64, shape (n_materials, n_materials), dimension 1
-        ``reference`` over the shear modulus of the bonds between two; of shape (1, 1) where all are equal.
+        What the dilatations count the bonds between two materials by: a point counts all by its own modulus, which
+        is in ``factor``, so that it is 1, of shape (1, 1).
     material : int16, shape (n_clusters,)
         Of the points of each local cluster.
-    reference : float, dimension stress
-        Shear modulus of the first material with points.
     moments : tuple of Moment
         How near the points come to what is stable, by material; empty with fitted weights.
     weights : float32 arrays, shapes ((n_rows + 1) * 8,)
@@ -100,7 +99,6 @@ class Volumetric:
     factor: np.ndarray
     scale: np.ndarray
     material: np.ndarray
-    reference: float
     moments: tuple[Moment, ...] = ()
     weights: tuple[np.ndarray, np.ndarray] = (np.empty(0, np.float32), np.empty(0, np.float32))
     largest_weight: float = 1.0
@@ -122,9 +120,9 @@ class Volumetric:
 
     def dilatation(self, q: np.ndarray) -> np.ndarray:
         """``theta`` of the first clusters by their ``q``, shapes (n, 4); 0 where ``M`` is."""
-        modulus = self.modulus[self.material[: len(q)]]
-        inverse = np.divide(10.0 * self.reference, modulus, out=np.zeros_like(modulus), where=modulus != 0.0)
-        return q * inverse[:, None]
+        modulus = self.modulus
+        inverse = np.divide(10.0 * self.shear, modulus, out=np.zeros_like(modulus), where=modulus != 0.0)
+        return q * inverse[self.material[: len(q)], None]
 
 
 def volumetric_part(comm, points: Points, materials: MaterialTable) -> Volumetric | None:
@@ -137,18 +135,13 @@ def volumetric_part(comm, points: Points, materials: MaterialTable) -> Volumetri
         return None
     shear = SHEAR * materials.bond_modulus
     own = np.diag(shear)
-    reference = float(own[used][0])
-    scale = reference / shear
-    if (scale[np.ix_(used, used)] == 1.0).all():
-        scale = np.ones((1, 1))
     modulus = np.where(used, own * (4.0 * nu - 1.0) / (1.0 - 2.0 * nu), 0.0)
     return Volumetric(
         modulus=modulus,
         shear=np.ascontiguousarray(own),
-        factor=modulus / (10.0 * reference) ** 2,
-        scale=np.ascontiguousarray(scale),
+        factor=modulus / (10.0 * own) ** 2,
+        scale=np.ones((1, 1)),
         material=np.repeat(points.material, 2),
-        reference=reference,
     )
 
 
@@ -171,8 +164,7 @@ def with_moments(comm, points: Points, bonds: Bonds, materials: MaterialTable) -
 def _largest_moments(comm, points: Points, bonds: Bonds, materials: MaterialTable) -> tuple[Moment, ...]:
     """How near each material with a volumetric part comes to what is stable. Collective."""
     part = bonds.volumetric
-    moments = _family_sums(points, bonds)[:, 1] / (10.0 * part.reference) ** 2
-    moments *= (10.0 / 3.0) * part.shear[part.material[: 2 * points.n_owned], None]
+    moments = _family_sums(points, bonds)[:, 1] / (30.0 * part.shear[part.material[: 2 * points.n_owned], None])
     top = np.zeros(len(materials.names))
     np.maximum.at(top, part.material[: 2 * points.n_owned], moments.max(axis=1))
     return tuple(

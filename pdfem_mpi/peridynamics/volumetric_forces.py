@@ -199,7 +199,7 @@ def released(forces: VolumetricForces, comm, broken: Broken) -> np.ndarray:
     np.add.at(lost, broken.pairs.reshape(-1), np.repeat(np.rint(terms / quantum).astype(np.int64), 2))
     forces.of_points.scatter_reverse(lost.reshape(-1, 2, 1, W))
     material, volume = law.material[:n, None], points.volume.reshape(-1, W)[:n]
-    change = quantum * lost.reshape(-1, W)[:n] / volume / (10.0 * law.reference)
+    change = quantum * lost.reshape(-1, W)[:n] / volume / (10.0 * law.shear[material])
     both = change + 2.0 * forces.dilatation()
     add_products((0.5 * law.modulus[material] * volume * change).reshape(-1), both.reshape(-1), digits)
     return sum_integers(comm, digits)

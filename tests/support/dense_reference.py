@@ -174,7 +174,7 @@ class DenseBody:
             c = 15.0 * shear[i, j] / (math.pi * self.length**4)  # 9 k / (pi l^4) at a Poisson's ratio of 1/4
             stiffness = c * np.exp(-((r[i, j] / self.length) ** 2)) * self.volume[i] * self.volume[j]
             sums = (i, j, np.tile(sign, (len(i), 1)), xi[i, j], stiffness, np.full(len(i), k > 0))
-            found.append((*sums, 0.1 / shear[i, j]))
+            found.append((*sums, 0.1 / self._own_shear()[i]))
         return Pairs(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
     def _of_points(self) -> tuple[np.ndarray, np.ndarray]:
@@ -182,10 +182,14 @@ class DenseBody:
         of_cells = [(self.materials[c].youngs_modulus, self.materials[c].poissons_ratio) for c in self.cell]
         return tuple(np.array(of_cells).T)
 
+    def _own_shear(self) -> np.ndarray:
+        """Shear modulus of every point's material."""
+        modulus, nu = self._of_points()
+        return modulus / (2.0 * (1.0 + nu))
+
     def _bond_shear(self) -> np.ndarray:
         """Shear modulus of the bonds between any two points, (n, n): that of the softer."""
-        modulus, nu = self._of_points()
-        own, names = modulus / (2.0 * (1.0 + nu)), self.names[self.cell]
+        nu, own, names = self._of_points()[1], self._own_shear(), self.names[self.cell]
         shear = np.minimum(own[:, None], own[None])
         softer = np.where(own[:, None] <= own[None], nu[:, None], nu[None])
         for interface in self.scene.interfaces:
@@ -372,7 +376,8 @@ class DenseBody:
         stiffness = pairs.stiffness * self.factor
         y = pairs.xi + (pairs.sign * points[pairs.j] - points[pairs.i] if self.finite else 0.0)
         theta, lacks = self.dilatation(u)
-        pressure = pairs.weight * ((lacks * theta)[pairs.i] + (lacks * theta)[pairs.j])
+        common = 0.1 * lacks * theta / self._own_shear()
+        pressure = common[pairs.i] + common[pairs.j]
         pull = (stiffness * (stretch + pressure) / np.sqrt((y**2).sum(axis=1)))[:, None] * y
         stored = 0.25 * (stiffness * stretch**2 * r).sum() + 0.5 * (lacks * self.volume * theta**2).sum()
         return pull, float(stored)

@@ -129,12 +129,10 @@ def test_strength_of_a_bar(nu, width, record_property):
 
 # --- a ball and a cylinder -------------------------------------------------------------------------------
 
-#: Bonds of another ratio than 1/4 serve one stiffness: docs/materials.md has what a contrast costs.
-CONTRASTS = {FE: (1e-3, 0.1, 1.0, 10.0, 1e3), PD: (1.0, 10.0)}
-BALLS = [(m, nu, c) for m, contrasts in CONTRASTS.items() for nu in (0.2, 0.33) for c in contrasts]
-BALLS.remove((PD, 0.2, 10.0))  # refused: its moments are beyond what is stable
-#: Largest errors of mean strain, shear strain and all displacements; 15, 7, 4 % and 7, 4, 2 % are found.
-BALL = {FE: (0.2, 0.1, 0.06), PD: (0.1, 0.06, 0.03)}
+CONTRASTS = (1e-3, 0.1, 1.0, 10.0, 1e3)
+BALLS = [(model, nu, contrast) for model in (FE, PD) for nu in (0.2, 0.33) for contrast in CONTRASTS]
+#: Largest errors of mean strain, shear strain and all displacements; 15, 7, 4 % and 11, 9, 2 % are found.
+BALL = {FE: (0.2, 0.1, 0.06), PD: (0.15, 0.12, 0.03)}
 
 
 @pytest.mark.slow
@@ -159,7 +157,7 @@ PLATES = [(m, nu, c) for m in ("coupled", FE) for nu in (0.2, 0.25, 0.33) for c 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("model", "nu", "contrast"), [p for p in PLATES if p[1] > 0.2 or FE in p or 1.0 in p])
+@pytest.mark.parametrize(("model", "nu", "contrast"), PLATES)
 def test_cylinder_in_a_plate(tmp_path, model, nu, contrast, record_property):
     """The deck with another ratio and the correction by virial stresses, beside an infinite plate in plane stress."""
     options = [
