@@ -82,8 +82,6 @@ NEEDED_BY = {
         for (_, weighted), sweep in table.items()
     },
     banded: {"cg"},
-    dense.add_product: {"cg"},
-    dense.eliminate: {"cg"},
     dense.make_orthonormal: {"cg"},
     dense.remove_rows: {"cg"},
     fronts: {"fitted"},

@@ -97,7 +97,7 @@ def test_solvers_stop_at_a_load_that_is_not_finite(place, poison, solver):
 
 def test_a_run_ends_with_74_and_the_place_in_its_summary(tmp_path):
     """No frame and no row is written of a body that is not finite."""
-    from pdfem_mpi.runs import simulation as composition
+    from pdfem_mpi.runs import assembly as composition
 
     def spoilt(scene, share, model):
         case = make_load_case(scene, share, model)
@@ -105,7 +105,7 @@ def test_a_run_ends_with_74_and_the_place_in_its_summary(tmp_path):
         return case
 
     make_load_case, body = composition.make_load_case, build(scene())
-    with patch("pdfem_mpi.runs.simulation.make_load_case", spoilt):
+    with patch("pdfem_mpi.runs.assembly.make_load_case", spoilt):
         code = run(scene(), mpi().COMM_SELF, tmp_path, write_deck(scene()), True, Silence())
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert code == 74 and words(body, *at_node(body, 4)[1:]) in summary["reason"]
