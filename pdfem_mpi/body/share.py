@@ -22,6 +22,7 @@ from pdfem_mpi.body.found_region import FoundRegion, Turning, WholeRegion, cut_a
 from pdfem_mpi.body.locating import Weights
 from pdfem_mpi.body.materials import MaterialTable
 from pdfem_mpi.body.model_units import ModelUnits
+from pdfem_mpi.body.narrow_gaps import describe_narrow_gaps
 from pdfem_mpi.body.overlap import describe_cracked_overlap
 from pdfem_mpi.body.probing import place_probes
 from pdfem_mpi.body.selection import Selections, select_places
@@ -267,7 +268,7 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm, region: Who
         joint_regions=np.unique(whole.region[whole.is_peridynamic & whole.is_overlap]),
         overlap_regions=np.unique(whole.region[whole.is_overlap]),
         quality=whole.quality,
-        notes=whole.notes,
+        notes=(*whole.notes, *describe_narrow_gaps(scene, whole)),
         crack_notes=tuple(describe_cracked_overlap(scene, whole)),
         mesh_sha256=broadcast(comm, whole.mesh.sha256() if comm.rank == 0 else None),
         body_sha256=broadcast(comm, whole.sha256() if comm.rank == 0 else None),
