@@ -67,7 +67,8 @@ class Traction(_OnFaces):
     nodal : "consistent" or "equal"
         Nodal forces from the shape functions, or the same on every node ("uniform point forces", sec. 4.1).
     name : str or None
-        For messages and for `--set`.
+        Its force is in history.csv then: `NAME.force_x`, `NAME.force_y` and `NAME.force_z`. Messages and `--set` use
+        it too.
     constant : bool
         It acts as a whole at any load factor.
     """
@@ -94,7 +95,8 @@ class Pressure(_OnFaces):
     lower, upper : three floats or None, dimension length
         Or all faces of the boundary whose middle lies in this closed box; None sets no limit on that side.
     name : str or None
-        For messages and for `--set`.
+        Its force is in history.csv then: `NAME.force_x`, `NAME.force_y` and `NAME.force_z`. Messages and `--set` use
+        it too.
     constant : bool
         It acts as a whole at any load factor.
     pressure : float, dimension force / length^2

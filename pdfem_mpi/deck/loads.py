@@ -70,7 +70,8 @@ class BodyForce(Selection):
     total : three floats or None, dimension force
         The whole force at load factor 1, spread evenly over the volume.
     name : str or None
-        For messages and for `--set`.
+        Its force is in history.csv then: `NAME.force_x`, `NAME.force_y` and `NAME.force_z`. Messages and `--set` use
+        it too.
     constant : bool
         It acts as a whole at any load factor, beside loads that grow: self-weight, a preload.
     """
@@ -98,7 +99,8 @@ class Force(Table):
     total : three floats, dimension force
         The whole force at load factor 1.
     name : str or None
-        For messages and for `--set`.
+        Its force is in history.csv then: `NAME.force_x`, `NAME.force_y` and `NAME.force_z`. Messages and `--set` use
+        it too.
     constant : bool
         It acts as a whole at any load factor.
     """

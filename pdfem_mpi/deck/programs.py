@@ -137,9 +137,10 @@ class Events(Table):
     ----------
     eta : float, 1e-6 to below 0.5, dimension 1
         Bonds within this fraction of their critical stretch break together with the first. 1e-2 by default where bonds
-        soften, with 4 sweeps between batches.
+        soften.
     inner_iterations : int, >= 1
-        Sweeps of relaxation between two batches of breaks in an avalanche, fewer where the residual gets to 1e-4.
+        Sweeps of relaxation between two batches of breaks in an avalanche, fewer where the residual gets to 1e-4. 4 by
+        default where bonds soften.
     arrest_tolerance : float, above 0 and below 1, dimension 1
         Relative residual above which no state counts as stable; one below it does when a tenfold smaller residual
         moves neither the load of the next break nor a bond to its limit (`stepping.arrest`).
