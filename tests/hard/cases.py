@@ -587,7 +587,7 @@ CASES = (
         18,
         "bar of section 4.1, full size",
         "../bar_tension",
-        "the same bits on 1, 2, 4 and 8 ranks; E of its bonds .9485 of the material's, to 5e-4 (sec. 4.1)",
+        "the same bits on 1, 2, 4 and 8 ranks; E of its bonds 0.9485 of the material's, to 5e-4 (sec. 4.1)",
         probe("modulus_ratio_peridynamics", 0.9485, 5e-4),
         ("solver.kind=cg",),
         None,
