@@ -127,13 +127,13 @@ def _program(rng, deck: dict, fails: bool) -> None:
     if not fails:
         deck["stepping"] = {"load_factors": [0.3, 0.7, 1.0]}
         if rng.random() < 0.3:
-            deck["solver"] = {"kind": "adr", "tolerance": 1e-4}
+            deck["solver"] = {"kind": "adr", "tolerance": 1e-3}
         return
     kind = str(rng.choice(["events", "events", "energy", "opening", "steps", "ramp"]))
     if kind == "steps":
         deck["stepping"] = {"load_factors": [0.1, 0.3, 0.5]}
     elif kind == "ramp":
-        deck["stepping"] = {"kind": "ramp", "increment": 1.0 / 300.0, "report_every": 50}
+        deck["stepping"] = {"kind": "ramp", "increment": 1.0 / 300.0, "end_load_factor": 0.4, "report_every": 50}
         deck["solver"] = {"kind": "adr", "tolerance": 1e-4}
     else:
         deck["stepping"] = {"kind": "events", "end_reaction": 0.7, "report_every": 5, "inner_iterations": 4}
