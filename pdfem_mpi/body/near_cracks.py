@@ -43,11 +43,12 @@ def distance_to_polygon(x: np.ndarray, corners: np.ndarray) -> np.ndarray:
     if not size > 0.0:
         return nearest
     height = product(x - corners[0], normal / size)
-    return np.where(_inside(x, corners, ends, normal), np.minimum(np.abs(height), nearest), nearest)
+    foot = x - height[:, None] * (normal / size)
+    return np.where(_inside(foot, corners, ends, normal), np.minimum(np.abs(height), nearest), nearest)
 
 
 def _inside(x: np.ndarray, corners: np.ndarray, ends: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Whether places lie above or below the polygon, by the crossings of a ray in its plane; bool, shape (n,)."""
+    """Whether places of its plane lie in the polygon, by the crossings of a ray in its plane; bool, shape (n,)."""
     one, two = (d for d in range(3) if d != int(np.abs(normal).argmax()))
     inside = np.zeros(len(x), bool)
     for a, b in zip(corners, ends, strict=True):

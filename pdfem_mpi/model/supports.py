@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.body.share import Share
+from pdfem_mpi.deck.formulas import names_in
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import AXES, show
 from pdfem_mpi.model.formula_values import evaluate
@@ -84,7 +85,7 @@ def prescribe(scene: Scene, share: Share, model: Model, messages: list[str]) -> 
                 values = _of_formula(amount, x, 1.0)
                 messages += _not_finite(share, f"{where}.{AXES[d]}", amount, x, values)
                 values = units.numbers(values / units.length)
-                if support.follows_factor:
+                if "f" in names_in(amount):
                     following.append(Following(unknowns, amount, x, units.length))
             else:
                 values = np.full(len(unknowns), units.numbers(amount / units.length))

@@ -247,8 +247,13 @@ def in_their_rows(bonds: Bonds | None, softened_still: bool = False) -> Iterator
     pairs, strengths = (array[: softened.n].copy() for array in (softened.pairs, softened.strengths))
     if softened_still:
         strengths[:, 0] *= softened.share.astype(np.float32)
-    for values in (strengths, np.zeros_like(strengths)):
+
+    def write(values: np.ndarray) -> None:
         for rows in bonds.rows:
             write_slots(pairs, values, *rows.arrays, softened.finite)
-        if values is strengths:
-            yield
+
+    write(strengths)
+    try:
+        yield
+    finally:
+        write(np.zeros_like(strengths))

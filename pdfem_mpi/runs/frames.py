@@ -57,6 +57,7 @@ class FramesOutput(Output):
         self.digest: FrameDigest
         self.row, self.every = 0, 1
         self._waiting: tuple[dict[str, Any], Fields | None, np.ndarray | None] | None = None
+        self._made: tuple[Arrays, Arrays] | None = None
 
     def open(self, place: Place) -> None:
         from pdfem_mpi.results import vtkhdf
@@ -77,12 +78,18 @@ class FramesOutput(Output):
 
     def write(self, columns: dict[str, Any], fields: Fields | None, damage: np.ndarray | None) -> None:
         self.row += 1
-        self._waiting = columns, fields, damage
+        self._waiting, self._made = (columns, fields, damage), None
         if (self.row - 1) % self.every == 0:
             self._append()
 
     def close(self, place: Place) -> None:
         self._append()  # the last row, whatever its number is
+
+    def make(self) -> None:
+        """Make the frame that waits of the body as it is, before that changes."""
+        if self._waiting is not None and self._made is None:
+            columns, fields, damage = self._waiting
+            self._made, self._waiting = self.arrays(fields, damage), (columns, None, None)
 
     def arrays(self, fields: Fields | None, damage: np.ndarray | None) -> tuple[Arrays, Arrays]:
         """Fields of a frame on points or nodes, and on cells."""
@@ -101,8 +108,9 @@ class FramesOutput(Output):
             return
         columns, fields, damage = self._waiting
         numbers = {name: columns[column] for column, name in NUMBERS.items() if column in columns}
-        vtkhdf.append_frame(self.path, self.row, *self.arrays(fields, damage), numbers, self.digest)
-        self._waiting = None
+        arrays = self._made or self.arrays(fields, damage)
+        vtkhdf.append_frame(self.path, self.row, *arrays, numbers, self.digest)
+        self._waiting = self._made = None
 
 
 def by_part(damage: np.ndarray) -> Arrays:

@@ -96,6 +96,8 @@ class Outputs:
 
     def follow(self, geometry: Geometry | None) -> None:
         """Describe the body from here on as it is now, after elements were turned into bonds."""
+        for frame in self.frames:
+            frame.make()
         self.place.geometry = geometry
 
     def flush(self) -> dict[str, dict[str, Any]]:

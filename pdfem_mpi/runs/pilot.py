@@ -35,6 +35,11 @@ def broken_places(scene: Scene, comm) -> tuple[np.ndarray, float]:
             found = _read(scene)
         except SceneError as error:
             messages = error.messages
+        except OSError as error:
+            messages = [
+                f"adaptive.pilot = {scene.adaptive.pilot} has a checkpoint that cannot be read ({error}). "
+                "Run it again, or remove the key."
+            ]
     if messages := broadcast(comm, messages):
         raise SceneError(messages)
     return broadcast(comm, found)

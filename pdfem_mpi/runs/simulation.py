@@ -15,6 +15,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.parts import positions
+from pdfem_mpi.model.restraints import tie
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS
@@ -182,4 +183,5 @@ class Simulation(Assembly):
         places = positions(self.model) * units.length + units.origin
         rows = np.asarray(field(places), float) / units.length
         self.state.u[:] = unknowns.join(np.broadcast_to(rows, places.shape))
+        tie(self.model, self.state.u)
         self._evaluated = False

@@ -157,8 +157,8 @@ def _load_to_break(avalanche: Avalanche) -> bool:
         scale(ledger, min(state.load_factor / excess, limit))
     arrest.forget(program)
     remove_rigid_motion(ledger.model, ledger.case, state.u)
+    program["size"] = ledger.size(state.u)  # first: a region that does not hold ends this state
     ledger.solve.look_at_region(state)
-    program["size"] = ledger.size(state.u)
     if state.load_factor >= limit:
         return False
     if settings.control == "opening":

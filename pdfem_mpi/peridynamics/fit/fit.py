@@ -25,7 +25,7 @@ from pdfem_mpi.peridynamics.fit.outcome import Fit
 from pdfem_mpi.peridynamics.points import Points
 
 #: Counts up whenever the algorithm gives other numbers: fits of before are not used again.
-VERSION = 9
+VERSION = 10
 #: The same of the weights of the dilatation.
 DILATATION_VERSION = 1
 #: Sweeps over the bonds that a fit takes on bodies of cubes, and bonds a second and core, all work between included.

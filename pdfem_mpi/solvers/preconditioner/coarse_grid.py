@@ -133,16 +133,17 @@ def make_grid(
         halo.scatter_reverse(moments)
     known, levels, free = np.unique(corners), (), np.empty((0, 0))
     if comm.rank == 0 and kept:
-        known, levels, free = kept.known, kept.levels, kept.free
+        known, levels = kept.known, kept.levels
     elif comm.rank == 0:
         of_ratios = moments.swapaxes(0, 1).astype(float)
         of_ratios[: len(ratios)] *= quantum[:, None]
         of_ratios[len(ratios) :] *= MOMENT_QUANTUM
         number, matrix = _stiffness(of_ratios, stiffest, h, counts, ratios, spring)
         known = np.flatnonzero(number >= 0)
+        levels = nested_levels(number, matrix, counts, n_halvings)
+    if comm.rank == 0:  # also beside what is kept: motions are scaled by the unknowns, which are others now
         index = np.stack(np.unravel_index(known, counts + 1), axis=1)
         free = orthonormal_rows(product(motions, rigid_motions(lower + index * h).reshape(6, -1)))
-        levels = nested_levels(number, matrix, counts, n_halvings)
     weights = np.ones((len(where), 8))
     for d in range(3):
         weights *= np.where(CORNERS[:, d], xi[:, d, None], 1.0 - xi[:, d, None])

@@ -56,3 +56,14 @@ def test_distance_to_a_polygon():
     square = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
     x = np.array([[1.0, 1, 3], [3, 1, 0], [3, 3, 0], [1, 1, 0], [-1, 1, 1]])
     np.testing.assert_allclose(distance_to_polygon(x, square), [3, 1, 2**0.5, 0, 2**0.5])
+
+
+def test_distance_to_a_polygon_that_is_tilted():
+    """Above the inside it is the height, whatever axis the normal is nearest to."""
+    side = 4.0 / np.sqrt(2.0)
+    square = np.array([(0.0, 0.0, 0.0), (side, 0.0, side), (side, 4.0, side), (0.0, 4.0, 0.0)])
+    middle = square.mean(axis=0)
+    normal = np.array([-1.0, 0.0, 1.0]) / np.sqrt(2.0)
+    assert distance_to_polygon((middle + 2.5 * normal)[None], square) == pytest.approx(2.5)
+    beyond = np.array([[side + 1.0, 2.0, side + 1.0]])
+    assert distance_to_polygon(beyond, square) == pytest.approx(np.sqrt(2.0))

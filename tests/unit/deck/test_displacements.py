@@ -10,6 +10,9 @@ from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.table import DeckError
 from pdfem_mpi.deck.toml import parse_deck
 from pdfem_mpi.model.formula_values import evaluate
+from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.runs.simulation import Simulation
+from support.bodies import make_scene
 from support.tiny import TINY
 
 PLACES = np.random.default_rng(4).uniform(-2.0, 2.0, (20, 3))
@@ -96,3 +99,18 @@ def test_a_true_rotation_needs_steps():
     text = text.replace("youngs_modulus = 1000.0", "youngs_modulus = 1000.0\ncritical_stretch = 0.01")
     with pytest.raises(DeckError, match=r"supports\.0 follows the load factor f by a formula"):
         parse_deck(text, "deck.toml")
+
+
+def test_each_component_follows_the_load_factor_by_itself():
+    """Beside a formula of ``f``, one without it is multiplied by the load factor, as it is alone."""
+    pulled = Support(face="x+", x="0.01*f**2", y="0.01*x", z=0.02)
+    held = Support(face="x-", x=0.0, y=0.0, z=0.0)
+    scene = make_scene((3, 1, 1), 3, loads=(), supports=(held, pulled), solver="cg")
+    simulation = Simulation(scene, mpi().COMM_SELF)
+    for factor in (0.25, 1.0):
+        simulation.solve(factor)
+        end = np.abs(simulation.nodes[:, 0] - 3.0) < 1e-9
+        u = simulation.fields().u_nodes[end]
+        np.testing.assert_allclose(
+            u, np.tile([0.01 * factor**2, 0.03 * factor, 0.02 * factor], (len(u), 1)), rtol=1e-12
+        )

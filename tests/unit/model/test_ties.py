@@ -114,3 +114,11 @@ def test_ties_that_cannot_be_are_named(ties, says):
 def test_ties_of_nothing_are_refused_by_their_deck(tie, says):
     with pytest.raises(ValueError, match=says):
         Tie(**tie)
+
+
+def test_displacements_that_a_script_gives_are_tied():
+    """Nothing later would tie them: steps of the solver are tied, and so is what they are added to."""
+    simulation, _ = solved(4, supports=WALL, ties=(Tie(face="x+", along=("x",), name="pin"),))
+    simulation.displace(lambda x: 0.01 * x[:, ::-1] * x[:, :1])
+    pin = np.abs(simulation.nodes[:, 0] - 4.0) < 1e-9
+    assert np.ptp(simulation.fields().u_nodes[pin, 0]) <= 1e-15

@@ -6,6 +6,7 @@ import pytest
 from pdfem_mpi import Simulation
 from pdfem_mpi.deck.meshes import BoxMesh
 from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.parallel.comm import mpi
 from support.adaptive import CELLS, NOTCH, plate, rows_of
 from support.restarts import alone
@@ -38,3 +39,13 @@ def test_a_folder_without_broken_bonds_is_refused(tmp_path):
     (tmp_path / "deck.toml").write_text("", encoding="utf-8")
     with pytest.raises(SceneError, match="has no checkpoint"):
         Simulation(scene, mpi().COMM_SELF)
+
+
+def test_a_torn_checkpoint_is_named(tmp_path):
+    """A sentence on all ranks, and no error of the library that reads it."""
+    folder = tmp_path / "pilot"
+    (folder / "checkpoints").mkdir(parents=True)
+    (folder / "deck.toml").write_text(write_deck(plate()))
+    (folder / "checkpoints" / "ckpt-000001.h5").write_bytes(b"torn")
+    with pytest.raises(SceneError, match=r"pilot = .* has a checkpoint that cannot be read .* Run it again"):
+        Simulation(plate(adaptive={"pilot": str(folder)}), mpi().COMM_SELF)

@@ -5,8 +5,12 @@ import weakref
 import pytest
 
 from pdfem_mpi import Simulation
+from pdfem_mpi.deck.loads import Support, Traction
+from pdfem_mpi.deck.outputs import Output
+from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.programs import Events, Steps
 from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs.region_notes import describe_staying
 from pdfem_mpi.solvers.convergence import NotConverged
@@ -120,3 +124,38 @@ def test_the_old_body_is_gone_before_the_new_one_is_made(monkeypatch):
         if simulation.state.program.get("switches") == 1.0:
             break
     assert alive == [False]
+
+
+def test_a_switch_before_the_first_break_under_forces():
+    """Nothing breaks on displacements that were only interpolated: the state is relaxed first, also under loads.
+
+    The first region is that around a crack far from the notch, and does not hold.
+    """
+    crack = Crack(polygon=((4.0, 11.0, -1.0), (4.0, 13.0, -1.0), (4.0, 13.0, 2.0), (4.0, 11.0, 2.0)))
+    held = Support(face="x-", layers=1, x=0.0, y=0.0, z=0.0)
+    loads = (Traction(kind="traction", face="x+", traction=(25.0, 0.0, 0.0)),)
+    pulled = {"supports": (held,), "loads": loads, "cracks": (crack,)}
+    few = Events(kind="events", **FAST | {"end_load_factor": 0.3})
+    found, rows = Simulation(of_forces(plate(stepping=few), pulled), mpi().COMM_SELF), []
+    for row in found.steps():
+        rows.append(row)
+        if row["event"] == "critical":
+            break
+    switches = [row for row in rows if row["event"] == "switch"]
+    assert switches and all(row["relative_residual"] < 0.1 for row in switches)
+    drawn = next(Simulation(of_forces(plate(DRAWN, stepping=few), pulled), mpi().COMM_SELF).steps())
+    assert rows[-1]["broken_bonds"] == drawn["broken_bonds"] == 0
+    assert rows[-1]["load_factor"] == pytest.approx(drawn["load_factor"], rel=OF_LOADS)
+
+
+def of_forces(scene, tables):
+    """The scene with other supports, loads and cracks."""
+    return Scene.model_validate({**dict(scene), **tables})
+
+
+def test_a_frame_that_waits_is_that_of_the_body_before_a_switch(tmp_path):
+    """Every second row is written; the run ends without equilibrium beyond a switch, and says so."""
+    stepping = Steps(load_factors=(0.1, 0.2, 0.9))
+    scene = of_forces(plate(stepping=stepping), {"output": Output(figures=False, damage=True, every=2)})
+    assert alone(scene, tmp_path / "run") == 74
+    assert (tmp_path / "run" / "summary.json").is_file()
