@@ -161,6 +161,8 @@ def _run(deck, ranks, overrides, folder, overwrite, max_hours, ways) -> int:
     except Refused as error:
         print_problems([f"pdfem: {error}"], comm.rank)
         return error.code
+    finally:
+        requests.come_too_late()
 
 
 def info(

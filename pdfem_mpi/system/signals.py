@@ -78,6 +78,16 @@ class Requests:
         except (ValueError, OSError, AttributeError):  # standard error is not a file
             signal.signal(signal.SIGUSR2, signal.SIG_IGN)
 
+    @staticmethod
+    def come_too_late() -> None:
+        """Ignore a request to stop from here on: nothing is left to keep. In the main thread only.
+
+        Python takes its handlers away while it ends, and a signal would end the process by itself, with an exit code
+        that says so.
+        """
+        for number in (signal.SIGUSR1, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
     def _listen(self, reading: int) -> None:
         while numbers := os.read(reading, 16):
             for number in numbers:

@@ -95,6 +95,29 @@ def test_installed_handlers(name, stops):
     assert "SIGTERM a second time: ending at once" in result.stderr
 
 
+ENDING = """
+import os, signal, sys, weakref
+from pdfem_mpi.system.signals import Requests
+class Late:
+    def __del__(self):
+        for name in ("SIGUSR1", "SIGTERM"):
+            os.kill(os.getpid(), getattr(signal, name))
+        os.write(1, b"still here")
+requests = Requests()
+requests.install()
+sys.modules["late"] = Late()  # let go after Python has taken its handlers away
+if sys.argv[1] == "over":
+    requests.come_too_late()
+"""
+
+
+@pytest.mark.parametrize("over", [True, False])
+def test_a_signal_that_comes_too_late_changes_nothing(over):
+    """Python gives up its handlers while it ends: a run that has finished would end by the signal."""
+    result = run_python("-c", ENDING, "over" if over else "not")
+    assert (result.returncode, result.stdout) == ((0, "still here") if over else (-10, ""))
+
+
 def test_handlers_need_neither_numpy_nor_mpi():
     """They are installed before either loads, which takes a second."""
     code = "import sys, pdfem_mpi.system.signals; sys.exit(any(name in sys.modules for name in ('numpy', 'mpi4py')))"

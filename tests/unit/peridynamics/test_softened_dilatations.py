@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
+from pdfem_mpi.deck.materials import Interface, Material
 from pdfem_mpi.deck.programs import Ramp, Steps
+from pdfem_mpi.deck.regions import Region
+from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.peridynamics.virial import bond_stresses
-from support.bodies import bond_list
+from support.bodies import YOUNGS_MODULUS, bond_list
 from support.failing import STRETCH, failing, followed, of_bonds
-from support.softening import remade, soft_strip
+from support.softening import remade, soft_strip, softening_material
 
 STORED = 2e-6  # of an energy: stored numbers have 24 bits
 CLOSED, TANGENT_STEPS = 1e-10, 1e-4  # of the work, as in test_events
@@ -106,17 +109,46 @@ def test_the_tangent_is_the_derivative_of_the_forces(nu, size):
 def test_what_bonds_and_points_release_is_booked(nu, kinematics):
     """D and the excess together are what the stored energy falls by at the same displacements, for any overshoot."""
     for strain in (1.05, 3.0, 20.0):
-        run = failing(soft_strip(kinematics=kinematics, poissons_ratio=nu, **TINY))
-        body = run.body
-        u = body.of_positions(lambda x, s=strain: np.column_stack([s * STRETCH * x[:, 0], 0 * x[:, 0], 0 * x[:, 0]]))
-        body.internal(u)
-        before = body.forces.stored_energy(u)
-        body.forces.evaluate_surely(u, np.zeros_like(u), np.empty_like(u), run.failure, 0.0)
-        assert run.failure.close(body.model.comm) > 0
-        body.internal(u)
-        after = body.forces.stored_energy(u)
-        excess = run.failure.take_excess()
-        assert run.failure.dissipated + excess == pytest.approx(before - after, rel=1e-6)
+        scene = soft_strip(kinematics=kinematics, poissons_ratio=nu, **TINY)
+        assert released(scene, strain) == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("kinematics", KINEMATICS)
+@pytest.mark.parametrize("softens", [True, False])
+@pytest.mark.parametrize("interface", [None, 0.5])
+def test_so_it_is_of_several_shear_moduli(interface, softens, kinematics):
+    """Each point's dilatation counts by its own modulus, also what it loses: two materials, of two ratios each."""
+    first = Material(youngs_modulus=YOUNGS_MODULUS, poissons_ratio=0.1, critical_stretch=STRETCH)
+    second = Material(youngs_modulus=7.0 * YOUNGS_MODULUS, poissons_ratio=0.39, critical_stretch=0.5 * STRETCH)
+    if softens:
+        first, second = softening_material(6.0, poissons_ratio=0.1), softening_material(5.0, poissons_ratio=0.39)
+        stiffer = {"youngs_modulus": 3.0 * YOUNGS_MODULUS, "tensile_strength": 2.0 * YOUNGS_MODULUS * STRETCH}
+        second = second.model_copy(update=stiffer | {"fracture_energy": 60.0 * second.fracture_energy})
+    regions = (
+        Region(name="a", model="peridynamics", upper=(2.0, 2.0, 1.0)),
+        Region(name="b", model="peridynamics", lower=(2.0, 0.0, 0.0), material="other"),
+    )
+    scene = soft_strip(kinematics=kinematics, poissons_ratio=0.1, **TINY)
+    tables = {"material": first, "materials": {"other": second}, "regions": regions}
+    if interface:
+        between = Interface(between=("default", "other"), youngs_modulus=interface * YOUNGS_MODULUS)
+        tables["interfaces"] = (between,)
+    scene = Scene.model_validate({**dict(scene), **tables})
+    for strain in (1.3, 4.0):
+        assert released(scene, strain) == pytest.approx(1.0, rel=1e-10)
+
+
+def released(scene, strain):
+    """What is booked when a stretch breaks or softens bonds, over what the stored energy falls by."""
+    run = failing(scene)
+    body = run.body
+    u = body.of_positions(lambda x: np.column_stack([strain * STRETCH * x[:, 0], 0 * x[:, 0], 0 * x[:, 0]]))
+    body.internal(u)
+    before = body.forces.stored_energy(u)
+    body.forces.evaluate_surely(u, np.zeros_like(u), np.empty_like(u), run.failure, 0.0)
+    assert run.failure.close(body.model.comm) > 0
+    body.internal(u)
+    return (run.failure.dissipated + run.failure.take_excess()) / (before - body.forces.stored_energy(u))
 
 
 @pytest.mark.parametrize("control", ["load", "energy"])

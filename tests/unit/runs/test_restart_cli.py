@@ -225,10 +225,11 @@ def test_max_hours_stops_with_a_checkpoint(out, long):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_ten_signals_at_random_times_on_changing_ranks(tmp_path, seed):
-    """A bar of 1,000 iterations and frames: stopped ten times where it happens to be, and never the worse for it."""
+    """A bar of thousands of iterations: stopped ten times where it happens to be, and never the worse for it."""
     deck, rng = tmp_path / "bar.toml", np.random.default_rng(seed)
     steps = Steps(load_factors=tuple(np.linspace(0.1, 1.0, 10).tolist()))
-    deck.write_text(write_deck(make_scene((40, 4, 4), 20, stepping=steps, output=Output(figures=False))))
+    scene = make_scene((40, 4, 4), 20, stepping=steps, tolerance=1e-9, output=Output(figures=False))
+    deck.write_text(write_deck(scene))
     assert run_pdfem("run", deck, "-n", 2, "--out", tmp_path / "straight").returncode == FINISHED
     stops = 0
     while True:
