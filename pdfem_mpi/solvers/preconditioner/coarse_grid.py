@@ -122,19 +122,18 @@ def make_grid(
     where, _ = _locate(_points_beside(share, own, points)[subdomain.owned_nodes], lower, h, counts)
     where = np.where((stiffest > 0.0)[np.searchsorted(known, own_cell)], own_cell, where)
     xi = (nodes.x[: nodes.n_owned] - lower) / h - np.stack(np.unravel_index(where, counts), axis=1)
-    of_node = np.searchsorted(known, where)
-    for d in range(3):
-        held = held_by[:, d] > 0.0
-        weight = held_by[held, d].astype(float)
-        add_moments(moments[:, len(ratios) + d], of_node[held], xi[held], weight, np.full_like(quantum, MOMENT_QUANTUM))
+    of_node, rounding = np.searchsorted(known, where), np.full_like(quantum, MOMENT_QUANTUM)
+    for d, held in enumerate((held_by > 0.0).T):
+        at = of_node[held], xi[held], held_by[held, d].astype(float)
+        add_moments(moments[:, len(ratios) + d], *at, rounding)
 
     corners = cell_nodes(counts, 1, where)
+    known, levels, free = np.unique(corners), (), np.empty((0, 0))
     if not kept:
         halo.scatter_reverse(moments)
-    known, levels, free = np.unique(corners), (), np.empty((0, 0))
-    if comm.rank == 0 and kept:
-        known, levels = kept.known, kept.levels
     elif comm.rank == 0:
+        known, levels = kept.known, kept.levels
+    if comm.rank == 0 and not kept:
         of_ratios = moments.swapaxes(0, 1).astype(float)
         of_ratios[: len(ratios)] *= quantum[:, None]
         of_ratios[len(ratios) :] *= MOMENT_QUANTUM
@@ -142,8 +141,8 @@ def make_grid(
         known = np.flatnonzero(number >= 0)
         levels = nested_levels(number, matrix, counts, n_halvings)
     if comm.rank == 0:  # also beside what is kept: motions are scaled by the unknowns, which are others now
-        index = np.stack(np.unravel_index(known, counts + 1), axis=1)
-        free = orthonormal_rows(product(motions, rigid_motions(lower + index * h).reshape(6, -1)))
+        places = lower + np.stack(np.unravel_index(known, counts + 1), axis=1) * h
+        free = orthonormal_rows(product(motions, rigid_motions(places).reshape(6, -1)))
     weights = np.ones((len(where), 8))
     for d in range(3):
         weights *= np.where(CORNERS[:, d], xi[:, d, None], 1.0 - xi[:, d, None])
