@@ -61,7 +61,7 @@ SLACK = 2e-5
 #: Rounding is undone by the bonds longer than these fractions of the cutoff radius, in turn.
 LONG_BONDS = (0.64, 0.8, 0.9)
 #: Reduction asked of each of these turns, most iterations, and the least reduction that is used.
-REFINEMENT, MOST_REFINEMENTS, LEAST_REFINEMENT = 0.02, 30, 0.7
+REFINEMENT, MOST_REFINEMENTS, LEAST_REFINEMENT = 0.02, 60, 0.7
 #: Each body's clusters among the owned ones, and its background grid.
 Grids = list[tuple[np.ndarray | slice, FactorGrid]]
 
