@@ -73,6 +73,13 @@ class Bounds:
         beyond = not (bond <= self.bond and element <= self.element)
         return int(beyond), int(bond * SLACK >= self.bond), int(element * SLACK >= self.element)
 
+    def lower(self, met: np.ndarray) -> None:
+        """Lower bounds that are more than `HEADROOM` above what was met on all ranks; ``met``, shape (2,)."""
+        self.bond, self.element = (
+            min(bound, power_above(HEADROOM * float(most))) if most > 0.0 else bound
+            for bound, most in zip((self.bond, self.element), met, strict=True)
+        )
+
     def fit(self, met: np.ndarray) -> None:
         """Raise bounds that were met, and lower those far above; ``met``, shape (2,), is that of all ranks."""
         self.bond = _fitted(self.bond, float(met[0]))

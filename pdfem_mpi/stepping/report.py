@@ -142,6 +142,7 @@ class Reporter:
         elements = measure_elements(forces.model, state.u)
         if elements and elements.refusal:
             raise NotConverged(f"at load factor {state.load_factor:.6g} {elements.refusal}")
+        forces.bounds.lower(largest(forces.model.comm, forces.met))  # digits for what is told
         internal = internal_forces(forces, state.u)
         resultants, force_balance, moment_balance = balance(forces, state, case, internal)
         springs = forces.model.springs

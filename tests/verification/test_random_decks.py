@@ -34,8 +34,7 @@ RESIDUAL = 2e-8
 ROUNDED = 1e-7
 #: Energy over work in linear statics by the program's own numbers, and by those of the other evaluation (float32).
 ENERGY, ENERGY_OF_FLOAT32 = 1e-8, 1e-7
-#: Round-off of sums whose quanta are powers of two up to 2**8 above what is met: 1.2e-10 of three stiff materials.
-BALANCE = 2e-10
+BALANCE = 1e-10
 #: The same answer in other units, elsewhere, and mirrored; where a deck's own tolerance is not below that, another
 #: place may cost an iteration more or less, and the answer is as good as a few tolerances.
 SAME, TOLERANCES = 1e-8, 10.0
