@@ -42,7 +42,7 @@ def make_pressures(D, DI, n_owned, quantum, material, factor, volume):
         Of the sums.
     material : int16, shape (n_clusters,)
     factor : float64, shape (n_materials,)
-        ``M / (10 mu)^2`` of each material, ``mu`` that of the first.
+        ``M / (10 mu)^2`` of each material.
     volume : float64, shape (n_clusters * 4,)
 
     Returns

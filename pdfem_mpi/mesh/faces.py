@@ -116,7 +116,7 @@ def find_bodies(faces: Faces, kind: np.ndarray) -> np.ndarray:
     chosen = of_cell >= 0
     values, first, label = np.unique(label[chosen], return_index=True, return_inverse=True)
     rank = np.empty(len(values), np.int32)
-    rank[np.argsort(first)] = np.arange(len(values))
+    rank[np.argsort(first, kind="stable")] = np.arange(len(values))
     body = np.full(len(kind), -1, np.int32)
     body[faces.cells[chosen]] = rank[label]
     return body

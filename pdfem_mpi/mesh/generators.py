@@ -16,8 +16,8 @@ RING_RATIO = 1 / 8
 RINGS_PER_LIGAMENT = 1 / 4
 #: Reach of the graded cells around the hole's centre, in radii, and from its edge, in spacings; the larger one.
 GRADED_RADII, GRADED_CELLS = 2.0, 5.0
-#: Smoothing turns, each moving every node half-way, and the power of an edge's length that is its weight in a turn.
-TURNS, WEIGHT_POWER = 8, 1.0
+#: Smoothing turns, each moving every node half-way; an edge's length is its weight in a turn.
+TURNS = 8
 #: Solves with a factor in single precision, each on what the last one missed.
 REFINEMENTS = 6
 
@@ -174,7 +174,7 @@ def _smooth(place, quads, square, n_cells, pitch, hole_radius: float) -> np.ndar
     edges = np.unique(np.sort(edges[free[edges].any(axis=1)], axis=1), axis=0)
     for turn in range(TURNS + 1):
         length = np.hypot(*(offset[edges[:, 0]] - offset[edges[:, 1]]).T)
-        weight = length**WEIGHT_POWER if turn else np.ones(len(edges))
+        weight = length if turn else np.ones(len(edges))
         pull = sparse.coo_matrix((weight, tuple(edges.T)), shape=(len(place),) * 2)
         pull = (pull + pull.T).tocsr()[free]
         stiffness = sparse.diags_array(np.asarray(pull.sum(axis=1)).reshape(-1)) - pull[:, free]

@@ -192,7 +192,7 @@ def build_halo(comm: Intracomm, owned_ids: Array, ghost_ids: Array, ghost_owner:
     comm.Alltoall(n_wanted, n_asked)
     asked_ids = np.empty(n_asked.sum(), dtype=np.int64)
     comm.Alltoallv([ghost_ids[order], n_wanted], [asked_ids, n_asked])
-    by_id = np.argsort(owned_ids)
+    by_id = np.argsort(owned_ids, kind="stable")
     place = np.searchsorted(owned_ids, asked_ids, sorter=by_id)
     foreign = np.setdiff1d(asked_ids, owned_ids)
     _raise_on_all(comm, [f"rank {comm.rank} is asked for id {i} but does not own it" for i in foreign[:3]])

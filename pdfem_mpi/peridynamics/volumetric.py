@@ -14,7 +14,7 @@ dilatation of every uniform strain in the bulk.
 * A bond stores nothing more: ``A`` comes from the number it has.
 * Between its two sweeps a point sends one number, ``q = M theta / (10 mu)`` (`volumetric_forces`).
 * The energy is a sum over bonds and one over points; forces act along bonds, in pairs; the tangent is symmetric.
-* A body is stable if ``M_i n_i > -1/2`` at every point, ``n_i = sum_j k_ij r_ij / (10 mu_ij)^2 / w_i``: by Cauchy and
+* A body is stable if ``M_i n_i > -1/2`` at every point, ``n_i = sum_j k_ij r_ij / (10 mu_i)^2 / w_i``: by Cauchy and
   Schwarz ``(w theta)^2 <= w n sum_j k e^2 / r``, and half of each bond is a point's. For one material this says
   ``m_i < (5 mu / 3) / |M|`` with ``m_i = sum_j k_ij r_ij / (30 mu w_i)``, 1 in the bulk; corrections raise it at
   surfaces. Bonds that break only lower it.

@@ -190,7 +190,7 @@ def _points_beside(share: Share, own: np.ndarray, points: np.ndarray) -> np.ndar
     the latter would make the grid's functions of a mirror-symmetric body unsymmetric.
     """
     beside = np.zeros((len(share.nodes), 3))
-    lowest_last = np.argsort(own)[::-1]
+    lowest_last = np.argsort(own, kind="stable")[::-1]
     for g, signs in enumerate(GAUSS_POINTS > 0):
         a = [0, 1, 3, 2][signs[0] + 2 * signs[1]] + 4 * signs[2]
         beside[share.mesh.cells[own[lowest_last], a]] = points[lowest_last, g]
