@@ -58,7 +58,7 @@ SCENES = {
     "finite, cg": (
         scene_of(kinematics="finite", solver="cg"),
         BONDS | GRADIENTS | {"bond_lengths"},
-        ["finite, closed form", "tangent, closed form", "tangent, series"],
+        ["finite, closed form", "finite, series", "tangent, closed form", "tangent, series"],
     ),
     "another ratio": (scene_of(poissons_ratio=0.3), BONDS | {"dilatations"}, ["linear, volumetric"]),
     "coupled": (scene_of(3), BONDS | ELEMENTS | {"overlap"}, ["linear"]),
