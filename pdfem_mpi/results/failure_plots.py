@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pdfem_mpi.results import vtkhdf
+from pdfem_mpi.results.history import read_history
 from pdfem_mpi.results.labels import as_it_is, attempt
 from pdfem_mpi.results.ownership import Written
 from pdfem_mpi.results.plots import DPI, LEGEND, SIZE_INCHES, STYLE
 from pdfem_mpi.results.read_frames import frame_numbers
-from pdfem_mpi.results.run_folder import read_history
 from pdfem_mpi.system.files import replacing
 
 COLORS = {"stable": "#0072B2", "avalanche": "#D55E00", "work": "#000000"}

@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from pdfem_mpi.measure.fields import fields_sha256
-from pdfem_mpi.parallel.comm import on_root
+from pdfem_mpi.parallel.comm import on_root, on_root_at_leisure
 from pdfem_mpi.results.ownership import SUMMARY
 from pdfem_mpi.results.summary_file import sealed, write_summary
 from pdfem_mpi.runs.failure_outcome import crack_in_a_mirror
@@ -54,7 +54,7 @@ def finish(run: Run, march: March, start: RestartPoint, findings: Findings, size
         run.outputs.measure(ended.fields, simulation.state.load_factor)
     with phase(seconds, "output"):
         if ended.code != EXIT_STOPPED:  # a run that is asked to stop should stop soon
-            on_root(comm, lambda: run.outputs.close())
+            on_root_at_leisure(comm, lambda: run.outputs.close())
     for line in describe_staying(simulation):
         run.reporter.line(line)
     for line in crack_in_a_mirror(run.scene, simulation.share, simulation.failure):

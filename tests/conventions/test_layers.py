@@ -49,12 +49,13 @@ HOMES = {
     "pytest": (),
 }
 # Imports inside functions: MPI starts when imported, the command line prepares the environment first,
-# and only rank 0 loads the libraries of the files that were asked for.
+# and only rank 0 loads the libraries of the files that were asked for, and of tables.
 # Few runs read a mesh file, or seek the law of bonds that soften. Parts of scipy take 0.1 to 0.2 s of processor time on
 # each rank, and few scenes need them.
 LATE_IMPORTS = {
     ("parallel.comm", "mpi4py"),
     ("command.cli", "pdfem_mpi"),
+    ("command.console", "rich"),
     ("command.doctor", "pdfem_mpi.parallel"),
     ("command.folders", "pdfem_mpi"),
     ("command.plotting", "pdfem_mpi"),
@@ -71,6 +72,7 @@ LATE_IMPORTS = {
     ("results.cursor", "pdfem_mpi.results"),
     ("mesh.exodus", "netCDF4"),
     ("body.boundaries", "scipy"),
+    ("body.meshing", "pdfem_mpi.mesh.reader"),
     ("body.found_region", "scipy"),
     ("body.narrow_gaps", "scipy"),
     ("body.softening", "scipy"),
