@@ -14,6 +14,7 @@ from pdfem_mpi.mesh.carving import carve
 from pdfem_mpi.mesh.defects import face_problems, find_defects, mirror_problems
 from pdfem_mpi.mesh.hexmesh import HexMesh, list_cells
 from pdfem_mpi.mesh.quality import Quality, folded_cells
+from pdfem_mpi.mesh.reader import read_mesh
 
 #: A spacing of a deck may lie outside of the edges of the file's cells by this fraction.
 SPACING_MISFIT = 1e-3
@@ -33,8 +34,6 @@ def make_mesh(scene: Scene) -> HexMesh:
     if not isinstance(entry, FileMesh):
         mesh = generators.box(entry.lower, entry.upper, entry.n_cells)
         return carve(mesh, entry.remove, entry.symmetry) if entry.remove else mesh
-    from pdfem_mpi.mesh.reader import read_mesh
-
     mesh, node_number = read_mesh(entry)
     messages = find_defects(mesh, node_number, entry.doubled_nodes == "crack") + _spacing_problems(scene, mesh)
     for face in entry.symmetry:
