@@ -61,6 +61,7 @@ LATE_IMPORTS = {
     ("command.plotting", "pdfem_mpi"),
     ("results.pictures", "pyvista"),
     ("results.pictures", "vtkmodules"),
+    ("command.world", "pdfem_mpi.body.counts"),
     ("command.world", "pdfem_mpi.parallel"),
     ("runs.restart_point", "pdfem_mpi.results"),
     ("runs.checkpoints", "pdfem_mpi.results"),
