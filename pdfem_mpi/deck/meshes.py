@@ -30,6 +30,12 @@ class _Modelled(Table):
         return [Problem("symmetry", f"= {show(self.symmetry)} names {' and '.join(twice)} twice. Name each face once.")]
 
 
+    @property
+    def may_have_hollows(self) -> bool:
+        """Whether a straight line between two places of the body may leave it."""
+        return True
+
+
 class _CubicCells(_Modelled):
     """A bounding box of cubic cells."""
 
@@ -93,6 +99,11 @@ class BoxMesh(_CubicCells):
 
     kind: Literal["box"] = key("box")
     remove: tuple[Removal, ...] = key(())
+
+    @property
+    def may_have_hollows(self) -> bool:
+        """Where cells are taken out."""
+        return bool(self.remove)
 
 
 class PlateWithHoleMesh(_CubicCells):

@@ -72,7 +72,6 @@ LATE_IMPORTS = {
     ("mesh.exodus", "netCDF4"),
     ("body.boundaries", "scipy"),
     ("body.found_region", "scipy"),
-    ("body.narrow_gaps", "scipy"),
     ("body.softening", "scipy"),
     ("measure.foretelling", "scipy"),
     ("body.subdomain", "scipy"),
