@@ -29,7 +29,6 @@ class _Modelled(Table):
             return []
         return [Problem("symmetry", f"= {show(self.symmetry)} names {' and '.join(twice)} twice. Name each face once.")]
 
-
     @property
     def may_have_hollows(self) -> bool:
         """Whether a straight line between two places of the body may leave it."""
