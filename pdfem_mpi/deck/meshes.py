@@ -125,6 +125,11 @@ class PlateWithHoleMesh(_CubicCells):
     kind: Literal["plate_with_hole"] = key("plate_with_hole")
     hole_radius: float = key(gt=0, dimension="length", remedy="Give the radius of the hole, for example 0.4.")
 
+    @property
+    def may_have_hollows(self) -> bool:
+        """Bonds over the rim of the hole stay, as in the paper: there are some where it has few cells."""
+        return False
+
     def problems(self) -> list[Problem]:
         """Those of a box, and a hole that fits into it."""
         return super().problems() or self._mirrored_holes() or self._hole_problems()
