@@ -86,10 +86,8 @@ class Share:
         Guarded cutoff radius in model units; 0 without peridynamics.
     mirrors, reflections : Mirrors, two float64 arrays of shape (n, 3)
         Mirror planes; signs and shifts of reflections that bring an image within the cutoff radius of the body.
-    doubled : float64, shape (n, 4, 3)
-        Faces of the whole mesh that are a crack by their doubled nodes, model units.
-    surface : float64, shape (n, 4, 3)
-        Faces of the body's surface around the rank's cells, where bonds might cross it, model units.
+    doubled, surface : float64, shape (n, 4, 3)
+        Faces of the whole mesh that are a crack by their doubled nodes, and those of `surface_near`; model units.
     counts, typical_edge : Counts, float
         Sizes of the body; edge of cells taken as cubes, the median over the body, model units.
     joint_regions, overlap_regions : int64
@@ -265,8 +263,7 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm, region: Who
         cutoff=whole.cutoff,
         mirrors=whole.mirrors,
         reflections=whole.reflections,
-        doubled=_doubled(scene, whole),
-        surface=surface_near(scene, whole, owner == comm.rank),
+        **_faces(scene, whole, owner == comm.rank),
         counts=count(whole),
         typical_edge=_typical_edge(whole),
         joint_regions=np.unique(whole.region[whole.is_peridynamic & whole.is_overlap]),
@@ -283,11 +280,12 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm, region: Who
     )
 
 
-def _doubled(scene: Scene, whole: Discretization) -> np.ndarray:
-    """Faces at one place, where the deck keeps them as a crack, model units; float64, shape (n, 4, 3)."""
-    if getattr(scene.mesh, "doubled_nodes", "refuse") == "refuse":
-        return np.empty((0, 4, 3))
-    return (doubled_faces(whole.mesh)[0] - whole.units.origin) / whole.units.length
+def _faces(scene: Scene, whole: Discretization, mine: np.ndarray) -> dict[str, np.ndarray]:
+    """Faces at one place, where the deck keeps them as a crack, and the surface near some cells, bool (n_cells,)."""
+    doubled = np.empty((0, 4, 3))
+    if getattr(scene.mesh, "doubled_nodes", "refuse") == "crack":
+        doubled = (doubled_faces(whole.mesh)[0] - whole.units.origin) / whole.units.length
+    return {"doubled": doubled, "surface": surface_near(scene, whole, mine)}
 
 
 def _typical_edge(whole: Discretization) -> float:

@@ -6,7 +6,6 @@ import pytest
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.meshes import BoxMesh, FileMesh
 from pdfem_mpi.deck.removals import RemovedBox, RemovedCylinder, RemovedPrism
-from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.mesh import generators
 from pdfem_mpi.mesh.carving import carve, is_removed
 from pdfem_mpi.mesh.hexmesh import HexMesh
