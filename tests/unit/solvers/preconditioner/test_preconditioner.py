@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.deck.loads import BodyForce, Support
-from pdfem_mpi.model.model import build_intact_elements
 from pdfem_mpi.model.motions import rigid_modes
 from pdfem_mpi.peridynamics.point_blocks import point_blocks
-from pdfem_mpi.solvers.preconditioner import coarse_grid as grid
-from pdfem_mpi.solvers.preconditioner import nested_grids
 from pdfem_mpi.solvers.preconditioner.blocks import inverted, node_blocks, softest
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from support.bodies import build, make_scene
@@ -118,48 +115,3 @@ def test_soft_and_fixed_directions_of_a_block_are_held():
     found = inverted(blocks, fixed, softest(body.model.comm, blocks, np.ones(3)))
     expected = [[1.0, 0, 0, 0, 0, 0], [0.5, 0, 0.125, 0, 0, 0], [0.0] * 6]
     np.testing.assert_allclose(found, expected, atol=1e-15)
-
-
-def cells_of(share, counts, h, ratios=(0.25,)):
-    """Grid cells of a body on one rank, with random forces holding them, and the moments of its Gauss points."""
-    cells = np.arange(len(share.mesh.cells))
-    where, xi = coarse_grid._locate(gauss_positions(share.nodes[cells_nodes(share)]).reshape(-1, 3), share.lower, h, counts)
-    n = int(np.prod(counts))
-    halo = build_halo(share.comm, np.arange(n), np.empty(0, np.int64), np.empty(0, np.int32))
-    stiffest, quantum, moments = moments_of_cells(share, cells, where, xi, halo, np.array(ratios))
-    add_moments(moments[:, -1], where, xi, np.ones(len(where)), np.full(n, MOMENT_QUANTUM))
-    return GridCells(counts, h, np.arange(n), added_up(halo, moments, quantum, MOMENT_QUANTUM), stiffest)
-
-
-def cells_nodes(share):
-    return share.mesh.cells
-
-
-def test_grid_stiffness_gives_linear_fields_no_force_inside_and_the_right_energy():
-    """Integrated by moments, a uniform strain has the energy of the body: volume times the energy density."""
-    body = build(make_scene((8, 6, 4), 8))
-    h = np.array([2.0, 2.0, 2.0])
-    counts = np.array([4, 3, 2])
-    cells = cells_of(body.share, counts, h)
-    number, matrix = whole_stiffness(cells.moments / YOUNGS_MODULUS, np.ones(24), h, counts, [0.25], 0.0)
-    index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
-    x = body.share.nodes.min(axis=0) + index * h
-    gradient = np.array([[1.0, 0.2, 0.0], [0.2, -0.5, 0.3], [0.0, 0.3, 0.4]])
-    u = (x @ gradient).reshape(-1)
-    lam = mu = 0.4  # of E = 1, nu = 1/4
-    density = 0.5 * lam * np.trace(gradient) ** 2 + mu * (gradient**2).sum()
-    assert 0.5 * u @ (matrix @ u) == pytest.approx(8 * 6 * 4 * density, rel=1e-6)  # the pin adds 1e-8 of the diagonal
-    inside = ((index > 0) & (index < counts)).all(axis=1)
-    force = (matrix @ u).reshape(-1, 3)[inside]
-    assert np.abs(force).max() < 1e-6
-
-
-def dense_of(level):
-    """The matrix of a level whose rows are all here, column by column."""
-    n = 3 * len(level.nodes)
-    columns = []
-    for unit in np.eye(n):
-        residual = np.empty(n)
-        level.look(unit.reshape(-1, 3).copy(), np.zeros(n), residual)
-        columns.append(-residual)
-    return np.array(columns).T
