@@ -19,7 +19,7 @@ _AHEAD = 32 * BLOCK
 
 @njit(**_options)
 def grid_residual(start, column, blocks, x, right, residual):
-    """``residual = right - A x``; the terms of a row are taken off in the order of its blocks.
+    """``residual = right - A x``; the terms of a column of the blocks are taken off in their order, columns together.
 
     Parameters
     ----------
@@ -35,14 +35,16 @@ def grid_residual(start, column, blocks, x, right, residual):
     row = np.zeros(W)
     for t in range(start.size - 1):
         row[0], row[1], row[2] = right[3 * t], right[3 * t + 1], right[3 * t + 2]
-        value = load(row, 0)
+        sx = load(row, 0)
+        sy = splat(0.0)  # three sums, so that none waits for the one before
+        sz = splat(0.0)
         for block in range(start[t], start[t + 1]):
             n, at = np.uint64(3 * column[block]), block * BLOCK
             prefetch(blocks, at + _AHEAD)
-            value = fnma(load(blocks, at), splat(x[n]), value)
-            value = fnma(load(blocks, at + W), splat(x[n + np.uint64(1)]), value)
-            value = fnma(load(blocks, at + 2 * W), splat(x[n + np.uint64(2)]), value)
-        store(row, 0, value)
+            sx = fnma(load(blocks, at), splat(x[n]), sx)
+            sy = fnma(load(blocks, at + W), splat(x[n + np.uint64(1)]), sy)
+            sz = fnma(load(blocks, at + 2 * W), splat(x[n + np.uint64(2)]), sz)
+        store(row, 0, sx + (sy + sz))
         residual[3 * t], residual[3 * t + 1], residual[3 * t + 2] = row[0], row[1], row[2]
 
 

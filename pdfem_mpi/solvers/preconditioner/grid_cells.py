@@ -19,6 +19,8 @@ from pdfem_mpi.solvers.preconditioner.spread import deal_out
 
 #: Moments are rounded to this fraction of a cell of unit volume, and of the stiffest material in the grid cell.
 MOMENT_QUANTUM = 2.0**-40
+#: Cells of the body whose points are looked at together.
+CHUNK = 2**12
 #: Ranks whose cells come together on one of them, a level of the grid: the levels of a large body live on fewer and
 #: fewer ranks, which have half as many cells of each as of the one before.
 TOGETHER = 4
@@ -73,14 +75,16 @@ def moments_of_cells(share: Share, own: np.ndarray, where: np.ndarray, xi: np.nd
     moments : int64, shape (n_known, n_ratios + 3, 27)
         Of Young's modulus for each of Poisson's ratios, of this rank; the last three are 0.
     """
-    modulus, nu = (np.repeat(v[own], 8) for v in (share.youngs_modulus, share.poissons_ratio))
-    stiffest = _largest_in(halo, where, modulus)
+    modulus, nu = share.youngs_modulus[own], share.poissons_ratio[own]
+    stiffest = _largest_in(halo, where, np.repeat(modulus, 8))
     quantum = MOMENT_QUANTUM * _power_of_two(stiffest)
     moments = np.zeros((len(stiffest), len(ratios) + 3, 27), np.int64)
-    terms = modulus * gauss_volumes(share.nodes[share.mesh.cells[own]]).reshape(-1)
-    for k, ratio in enumerate(ratios):
-        same = nu == ratio
-        add_moments(moments[:, k], where[same], xi[same], terms[same], quantum)
+    for first in range(0, len(own), CHUNK):
+        for k, ratio in enumerate(ratios):
+            same = first + np.flatnonzero(nu[first : first + CHUNK] == ratio)
+            terms = modulus[same, None] * gauss_volumes(share.nodes[share.mesh.cells[own[same]]])
+            points = (8 * same[:, None] + np.arange(8)).reshape(-1)
+            add_moments(moments[:, k], where[points], xi[points], terms.reshape(-1), quantum)
     return stiffest, quantum, moments
 
 

@@ -10,8 +10,9 @@ from pdfem_mpi.mesh.background_grid import CORNERS
 #: Spacing of the grid in cell edges; of bodies with more cells than that, the wider one: a third of the grid's work and
 #: memory for one or two iterations more (docs/scaling.md).
 COARSENING, WIDER, MANY_CELLS = 2.0, 3.0, 50_000
-#: Most unknowns of the last grid, which rank 0 has and factorises.
-MOST_UNKNOWNS = 5_000
+#: Most unknowns of the last grid, which rank 0 has and factorises, and entries of its factor, 4 bytes each: a solve
+#: takes about a millisecond, while the other ranks wait.
+MOST_UNKNOWNS, MOST_FILL = 10_000, 2.5e6
 
 
 def grid_counts(share: Share) -> tuple[np.ndarray, int]:
@@ -19,9 +20,16 @@ def grid_counts(share: Share) -> tuple[np.ndarray, int]:
     spacing = share.typical_edge * (WIDER if share.counts.cells > MANY_CELLS else COARSENING)
     counts = np.maximum(1, np.rint((share.upper - share.lower) / spacing)).astype(np.int64)
     n_halvings = 0
-    while 3 * int(np.prod(halved(counts, n_halvings) + 1)) > MOST_UNKNOWNS:
+    while not _is_small(halved(counts, n_halvings)):
         n_halvings += 1
     return _nested(counts, n_halvings), n_halvings
+
+
+def _is_small(counts: np.ndarray) -> bool:
+    """Whether a grid can be the last: half the band of its factor is set by the two shorter axes."""
+    nodes = np.sort(counts + 1)
+    unknowns = 3 * int(np.prod(nodes))
+    return unknowns <= MOST_UNKNOWNS and 3.0 * unknowns * float(nodes[0] * nodes[1]) <= MOST_FILL
 
 
 def halved(counts: np.ndarray, times: int = 1) -> np.ndarray:
