@@ -84,9 +84,8 @@ LATE_IMPORTS = {
     ("mesh.merge", "scipy"),
     ("mesh.nodal_fields", "scipy"),
     ("runs.failure_notes", "scipy"),
-    ("solvers.preconditioner.coarse_grid", "scipy"),
+    ("solvers.preconditioner.grid_stiffness", "scipy"),
     ("solvers.preconditioner.levels", "scipy"),
-    ("solvers.preconditioner.nested_grids", "scipy"),
 }
 PRINTERS = ("command.cli", "command.console", "command.world")
 
