@@ -38,7 +38,7 @@ class WeightedFailure(Failure):
             Weights of their stretches: for the load, and for the break.
         """
         self = cls(**{item.name: getattr(failure, item.name) for item in fields(failure) if item.init})
-        order = np.argsort(points.cell_key)
+        order = np.argsort(points.cell_key, kind="stable")
         cells = order[np.searchsorted(points.cell_key, ids // 8, sorter=order)]
         self.ids, self.ends = ids, 8 * cells + ids % 8
         x = point_rows(points.x)[self.ends]

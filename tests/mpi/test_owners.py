@@ -16,4 +16,5 @@ def test_ranks_of_a_region_that_is_found_are_those_of_its_first_bonds(comm):
     share, _ = prepare(plate(), comm)
     owner = owners_of_cells(plate(), comm.size, share.found.turned)
     np.testing.assert_array_equal(owner[share.mesh.cell_id], share.cell_owner)
-    assert_all(comm, (owners_of_cells(plate(), comm.size) != owner).any())
+    three = owners_of_cells(plate(), 3, share.found.turned)  # two halves of a plate with a mirror are the same anyway
+    assert_all(comm, (owners_of_cells(plate(), 3) != three).any())

@@ -113,12 +113,12 @@ def test_what_has_no_bonds_lists_none():
 
 #: A plate in the middle of which bonds may break, pulled from break to break.
 PLATE = {
-    "mesh": {"kind": "box", "lower": [0.0, 0.0, 0.0], "upper": [6.0, 4.0, 1.0], "spacing": 1.0},
+    "mesh": {"kind": "box", "lower": [0.0, 0.0, 0.0], "upper": [8.0, 3.0, 1.0], "spacing": 1.0},
     "material": {"youngs_modulus": 1000.0, "critical_stretch": 0.002},
     "regions": [
         {"name": "left", "model": "peridynamics", "upper": [2.0, 9.0, 9.0], "may_fail": False},
-        {"name": "middle", "model": "peridynamics", "lower": [2.0, 0.0, 0.0], "upper": [4.0, 9.0, 9.0]},
-        {"name": "right", "model": "peridynamics", "lower": [4.0, 0.0, 0.0], "may_fail": False},
+        {"name": "middle", "model": "peridynamics", "lower": [2.0, 0.0, 0.0], "upper": [6.0, 9.0, 9.0]},
+        {"name": "right", "model": "peridynamics", "lower": [6.0, 0.0, 0.0], "may_fail": False},
     ],
     "peridynamics": {"kinematics": "linear"},
     "supports": [{"face": "x-", "x": -0.01, "y": 0.0, "z": 0.0}, {"face": "x+", "x": 0.01, "y": 0.0}],
@@ -140,7 +140,7 @@ def test_weights_of_1_break_what_the_program_breaks():
     """The books and the energies too, to round-off of the stretches."""
     rows, broken = broken_by()
     same, same_broken = broken_by(lambda bonds: (np.ones(len(bonds.points)),) * 2)
-    assert broken == same_broken and len(rows) == len(same) > 2
+    assert broken == same_broken and len(rows) == len(same) > 1
     for name in ("reaction", "dissipated_energy", "load_factor"):
         np.testing.assert_allclose([row[name] for row in same], [row[name] for row in rows], rtol=1e-9)
 
