@@ -263,7 +263,7 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm, region: Who
         cutoff=whole.cutoff,
         mirrors=whole.mirrors,
         reflections=whole.reflections,
-        **_faces(scene, whole, owner == comm.rank),
+        **_faces(scene, whole, owner == comm.rank, region is not None),
         counts=count(whole),
         typical_edge=_typical_edge(whole),
         joint_regions=np.unique(whole.region[whole.is_peridynamic & whole.is_overlap]),
@@ -280,12 +280,12 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm, region: Who
     )
 
 
-def _faces(scene: Scene, whole: Discretization, mine: np.ndarray) -> dict[str, np.ndarray]:
+def _faces(scene: Scene, whole: Discretization, mine: np.ndarray, turnable: bool) -> dict[str, np.ndarray]:
     """Faces at one place, where the deck keeps them as a crack, and the surface near some cells, bool (n_cells,)."""
     doubled = np.empty((0, 4, 3))
     if getattr(scene.mesh, "doubled_nodes", "refuse") == "crack":
         doubled = (doubled_faces(whole.mesh)[0] - whole.units.origin) / whole.units.length
-    return {"doubled": doubled, "surface": surface_near(scene, whole, mine)}
+    return {"doubled": doubled, "surface": surface_near(scene, whole, mine, turnable)}
 
 
 def _typical_edge(whole: Discretization) -> float:
