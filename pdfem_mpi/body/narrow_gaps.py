@@ -6,6 +6,8 @@ word, and where it is narrower than the cutoff radius, bonds hold its sides toge
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
@@ -18,8 +20,13 @@ from pdfem_mpi.mesh.hexmesh import FACES
 OPPOSITE = 0.5
 
 
-def describe_narrow_gaps(scene: Scene, whole: Discretization) -> list[str]:
-    """A sentence about faces of cells with points that look at each other from less than the cutoff radius away."""
+def describe_narrow_gaps(scene: Scene, whole: Discretization, more: np.ndarray | None = None) -> list[str]:
+    """A sentence about faces of cells with points that look at each other from less than the cutoff radius away.
+
+    ``more`` are cells that may get points later, bool, shape (n_cells,).
+    """
+    if more is not None:
+        whole = replace(whole, has_points=whole.has_points | more)
     if not isinstance(scene.mesh, FileMesh) or not whole.has_points.any():
         return []
     reach = whole.cutoff * whole.units.length

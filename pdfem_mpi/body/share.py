@@ -268,7 +268,7 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm, region: Who
         joint_regions=np.unique(whole.region[whole.is_peridynamic & whole.is_overlap]),
         overlap_regions=np.unique(whole.region[whole.is_overlap]),
         quality=whole.quality,
-        notes=(*whole.notes, *describe_narrow_gaps(scene, whole)),
+        notes=(*whole.notes, *describe_narrow_gaps(scene, whole, region.rows.can_turn if region else None)),
         crack_notes=tuple(describe_cracked_overlap(scene, whole)),
         mesh_sha256=broadcast(comm, whole.mesh.sha256() if comm.rank == 0 else None),
         body_sha256=broadcast(comm, whole.sha256() if comm.rank == 0 else None),

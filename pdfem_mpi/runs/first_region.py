@@ -52,8 +52,12 @@ def _hot_cells(scene: Scene, share: Share) -> np.ndarray:
     """Numbers of the cells that come nearest to breaking, rising, the same on all ranks. Collective."""
     comm, threshold = share.comm, scene.adaptive.threshold_with(scene.peridynamics.surface_correction)
     foretelling, u = _equilibrium(scene, share)
-    ratio = np.where(share.found.can_turn[foretelling.cells], foretelling.ratios(u, 0.0), 0.0)
-    top = float(largest(comm, np.array([ratio.max(initial=0.0)]))[0])
+    turns = share.found.can_turn[foretelling.cells]
+    matters, some = np.where(turns, 0.0, np.inf), foretelling.most_strained(u, turns)
+    for fraction in (1.0, threshold / LEAST_CONTRAST):  # the largest, then all that are compared with it
+        ratio = foretelling.ratios(u, np.maximum(matters, fraction * some))
+        some = max(some, float(largest(comm, np.array([ratio.max(initial=0.0)]))[0]))
+    top = some
     if not top > 0.0:
         raise SceneError([
             'the load stretches no cell that regions with model = "auto" could turn into bonds: nothing can break. '
