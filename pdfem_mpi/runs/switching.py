@@ -100,7 +100,7 @@ def _wider_share(simulation: Simulation, turning: Turning) -> tuple[Share, Need]
     """
     scene, comm, settings = simulation.scene, simulation.comm, simulation.scene.adaptive
     with _refused():
-        share = cut_share(scene, comm, turning)
+        share = cut_share(scene, comm, turning, simulation.share)
     if share.mesh_sha256 != simulation.share.mesh_sha256:
         raise NotConverged(f"mesh.path = {scene.mesh.path} has changed since the run began.")
     bonds = bonds_of(scene, share, settings.max_bonds)

@@ -52,13 +52,15 @@ def estimate_error(simulation: Simulation, own: float) -> float | None:
         return None
     width = 2.0 * max(settings.growth, settings.reach)
     try:
-        share = cut_share(simulation.scene, simulation.comm, Turning(found.turned, found.turned, width))
+        share = cut_share(
+            simulation.scene, simulation.comm, Turning(found.turned, found.turned, width), simulation.share
+        )
     except SceneError:  # bonds would leave no element
         return None
     if bonds_of(simulation.scene, share, settings.max_bonds) > settings.max_bonds:
         return None
-    wider = _reaction_at_break(simulation, share)
-    return None if wider is None or own == 0.0 else OF_THE_CHANGE * (own - wider) / own
+    reaction_of_wider = _reaction_at_break(simulation, share)
+    return None if reaction_of_wider is None or own == 0.0 else OF_THE_CHANGE * (own - reaction_of_wider) / own
 
 
 def _reaction_at_break(simulation: Simulation, share: Share) -> float | None:
@@ -71,7 +73,8 @@ def _reaction_at_break(simulation: Simulation, share: Share) -> float | None:
     model.unknowns.of_nodes(state.u)[:] = u_nodes
     case.displace(state.u, factor)
     forces, failure = Forces(model, state.bounds), make_failure(scene, share, model)
-    preconditioner, most = make_preconditioner(share, model, case, state.bounds), scene.solver.max_evaluations
+    kept, most = simulation.solver.preconditioner.cycle, scene.solver.max_evaluations
+    preconditioner = make_preconditioner(share, model, case, state.bounds, kept)
     try:
         cg.solve(forces, state, case.forces(factor), case.fixed, TOLERANCE, most, preconditioner)
     except (Breakdown, NotConverged, NotFinite):
