@@ -44,6 +44,16 @@ def describe_narrow_gaps(scene: Scene, whole: Discretization, more: np.ndarray |
     ]
 
 
+def cells_at_voids(scene: Scene, whole: Discretization) -> np.ndarray:
+    """Cells of a mesh file that look at others across a void which bonds could reach across; bool, shape (n_cells,)."""
+    found = np.zeros(len(whole.mesh.cells), bool)
+    if isinstance(scene.mesh, FileMesh):
+        everywhere = replace(whole, has_points=~found)
+        _, one, two, _ = facing_pairs(everywhere, whole.cutoff * whole.units.length)
+        found[whole.mesh.boundary[0][np.concatenate([one, two])]] = True
+    return found
+
+
 def facing_pairs(whole: Discretization, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Pairs of boundary faces, of cells with points, that look at each other within a distance.
 

@@ -100,8 +100,6 @@ class Share:
         What columns of probes read; where the deck's loads and supports act, and what its probes of sets read.
     boundaries, found : Boundaries, FoundRegion, or None
         What the fit of bond factors asks of the body; a region of bonds that the run finds. Where the deck wants them.
-    elements : Discretization or None
-        On one rank, whose mesh is the whole one: the body before cells of a region that is found were turned.
     """
 
     comm: Intracomm
@@ -141,7 +139,6 @@ class Share:
     selections: Selections
     boundaries: Boundaries | None
     found: FoundRegion | None = None
-    elements: Discretization | None = None
 
     @property
     def is_owned(self) -> np.ndarray:
@@ -216,18 +213,15 @@ def share_of(
     comm: Intracomm,
     mesh: HexMesh | None = None,
     turning: Turning | None = None,
-    elements: Discretization | None = None,
+    before: Share | None = None,
 ) -> Share:
-    """This rank's share of a scene's body, see `discretize`, with cells that are turned, see `turn`. Collective.
-
-    ``elements`` is the body before any was, where it is known.
-    """
-    whole = elements or discretize(scene, mesh, comm)
+    """This rank's share of a scene's body, see `discretize`, with cells that are turned, see `turn`. Collective."""
+    whole = (before and before.found.elements) or discretize(scene, mesh, comm)
     if not scene.is_adaptive:
         return make_share(scene, whole, comm)
     region = turn(scene, whole, turning)
     share = make_share(scene, region.whole, comm, region)
-    return replace(share, elements=whole) if comm.size == 1 else share
+    return replace(share, found=replace(share.found, elements=whole)) if comm.size == 1 else share
 
 
 def make_share(scene: Scene, whole: Discretization, comm: Intracomm, region: WholeRegion | None = None) -> Share:

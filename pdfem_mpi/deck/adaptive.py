@@ -48,7 +48,7 @@ class Adaptive(Table):
 
     threshold: float | None = key(None, gt=0, lt=1, dimension="1")
     reach: float = key(1.5, ge=1, le=1000, dimension="1")
-    growth: float = key(6.0, ge=0, le=1000, dimension="1")
+    growth: float = key(4.0, ge=0, le=1000, dimension="1")
     buffer_layers: int = key(2, ge=1, le=10)
     max_bonds: float = key(1.0e9, gt=0, dimension="1")
     widening_check: bool = key(True)

@@ -125,7 +125,7 @@ class Foretelling:
         """
         strain = np.where(self._asked & cells, self._strains(self._move(u), 0.0)[: len(self.cells)], 0.0)
         (top,) = largest(self.share.comm, np.array([strain.max(initial=0.0)]))
-        first = np.where((strain == top) & (strain > 0.0), 0.0, np.inf)
+        first = np.where((strain == top) & (strain > 0.0), 0.0, np.inf)  # or all of those of which it is not known
         return float(largest(self.share.comm, np.array([self.ratios(u, first).max(initial=0.0)]))[0])
 
     def _move(self, u: np.ndarray) -> np.ndarray:
@@ -155,6 +155,7 @@ class Foretelling:
         strains_by_nodes(self._connectivity, self._inverse[free:], moved, enough / NEARLY, strain[free:own])
         strain[:own] *= NEARLY
         halo = self._halo.halo if self._images else self._halo
+        strain[:own][self.share.found.at_void[self.cells]] = np.inf
         if damaged is not None:
             torn = damaged[self._real].astype(np.int64)
             halo.scatter_reverse(torn)

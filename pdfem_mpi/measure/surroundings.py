@@ -34,7 +34,7 @@ class Surroundings:
         self._reach = (share.cutoff + 2.0 * float(radius)) * (1.0 + GUARD)
         lower = self._centre.min(axis=0, initial=np.inf) if len(x) else np.zeros(3)
         size = self._centre.max(axis=0, initial=-np.inf) - lower if len(x) else np.zeros(3)
-        width = max(self._reach, float(np.cbrt(np.prod(size + self._reach) / (MOST_BINS * max(len(x), 1)))))
+        width = max(self._reach, float(np.prod(size + self._reach) / (MOST_BINS * max(len(x), 1))) ** (1.0 / 3.0))
         self._place = (1 + np.floor((self._centre - lower) / width)).astype(np.int32)
         shape = tuple((3 + np.floor(size / width)).astype(np.int64).tolist())
         number = np.ravel_multi_index(tuple(self._place.T.astype(np.int64)), shape)

@@ -188,10 +188,6 @@ class Failure:
         """Global ids (lower, higher) of the bonds broken on this rank, int64, shape (n, 2)."""
         return np.concatenate([np.empty((0, 2), np.int64), *self.global_pairs])
 
-    def pairs_from(self, first: int) -> tuple[np.ndarray, int]:
-        """The global ids from one of the entries of the books on, and how many entries there are by now."""
-        return np.concatenate([np.empty((0, 2), np.int64), *self.global_pairs[first:]]), len(self.global_pairs)
-
     def restore(
         self, comm, points: Points, bonds: Bonds, broken: np.ndarray, dissipated: np.ndarray, total: int | None = None
     ) -> None:

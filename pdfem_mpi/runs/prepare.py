@@ -90,8 +90,8 @@ def cut_share(scene: Scene, comm, turning: Turning | None = None, before: Share 
     SceneError
         On all ranks.
     """
-    if before and before.elements:
-        return share_of(scene, comm, None, turning, before.elements)
+    if before and before.found.elements:
+        return share_of(scene, comm, None, turning, before)
     mesh = None
     if isinstance(scene.mesh, FileMesh):
         messages = []

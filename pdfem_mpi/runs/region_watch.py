@@ -47,7 +47,7 @@ class RegionWatch:
     damaged : bool, shape (n_cells,)
         Cells of the share at the ends of the rank's broken bonds, as far as the books were read.
     entries : int
-        How far that is.
+        How many of their entries were.
     """
 
     simulation: Simulation
@@ -118,8 +118,9 @@ class RegionWatch:
         """Places in the share of the cells at the ends of the rank's broken bonds; int64."""
         share, failure = self.simulation.share, self.simulation.failure
         if failure is not None:
-            pairs, self.entries = failure.pairs_from(self.entries)
-            self.damaged[share.mesh.places_of_cells(np.unique(pairs // 8 % share.counts.cells))] = True
+            for pairs in failure.global_pairs[self.entries :]:
+                self.damaged[share.mesh.places_of_cells(np.unique(pairs // 8 % share.counts.cells))] = True
+            self.entries = len(failure.global_pairs)
         return np.flatnonzero(self.damaged)
 
     def _describe_end(self, places: np.ndarray) -> str:

@@ -74,7 +74,6 @@ LATE_IMPORTS = {
     ("body.found_region", "scipy"),
     ("body.narrow_gaps", "scipy"),
     ("body.softening", "scipy"),
-    ("measure.foretelling", "scipy"),
     ("body.subdomain", "scipy"),
     ("body.traction_opening", "scipy"),
     ("mesh.carving", "scipy"),

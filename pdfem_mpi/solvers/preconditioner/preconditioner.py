@@ -162,7 +162,7 @@ def make_preconditioner(
     bounds : Bounds, optional
         Of the state, where the bounds of the cycle are kept.
     kept : Cycle, optional
-        Of the same body with the same supports, with bonds elsewhere.
+        Of the same body and supports, with bonds elsewhere.
     """
     bounds = Bounds() if bounds is None else bounds
     same = kept is not None and kept.is_of(share)
@@ -185,8 +185,7 @@ def make_preconditioner(
         np.add.at(held, around.reshape(-1), np.repeat(fixed_points, 8, axis=0))
     own_nodes = np.empty(0, np.int32)
     if model.nodes:
-        fixed_nodes = unknowns.of_nodes(case.fixed)
-        own = model.subdomain.owned_nodes
+        fixed_nodes, own = unknowns.of_nodes(case.fixed), model.subdomain.owned_nodes
         of_nodes = node_blocks(model, values)
         stiffest = stiffest_around(share, share.has_nodes)[own]
         held_nodes = with_springs(of_nodes, springs, slice(n, None))
@@ -199,8 +198,7 @@ def make_preconditioner(
     if same and kept.holds(fixed):
         cycle, cycle_forces = kept, kept.forces(bounds.part("cycle"))
     else:
-        grid = kept.grid if kept else None
-        cycle, cycle_forces = make_cycle(share, intact, case, fixed, bounds.part("cycle"), grid)
+        cycle, cycle_forces = make_cycle(share, intact, case, fixed, bounds.part("cycle"), kept and kept.grid)
     return Preconditioner(
         model=model,
         of_points=of_points,
