@@ -124,6 +124,15 @@ def check_model(scene: Scene, share: Share, comm, held: float = 0.0) -> Need:
     return need
 
 
+def fits(scene: Scene, share: Share, comm) -> bool:
+    """Whether a scene's model and solver fit into memory beside what there is. Collective."""
+    try:
+        check_model(scene, share, comm)
+    except SceneError:
+        return False
+    return True
+
+
 def fits_easily(share: Share, most_bonds: float) -> bool:
     """Whether a body with at most so many bonds would fit into what is free, had one rank all of it. Collective."""
     most = MOST_BOND_BYTES * most_bonds + MOST_CELL_BYTES * share.counts.cells

@@ -18,6 +18,8 @@ from pdfem_mpi.stepping import Report
 if TYPE_CHECKING:
     from pdfem_mpi.runs.simulation import Simulation
 
+#: A load is a new peak, whose error is worth an estimate, from this many times the one before on.
+RISE = 1.01
 #: The largest foretold stretches are told from this fraction of the critical one on.
 TOLD_FROM = 0.5
 
@@ -106,13 +108,21 @@ class RegionWatch:
         raise RegionTooSmall(Turning(found.turned, seeds, settings.growth))
 
     def hear(self, report: Report) -> None:
-        """Estimate the error at the first break. Collective."""
+        """Estimate the error at the first break, and at the peak where that is wanted. Collective."""
         program, wanted = self.simulation.state.program, self.simulation.scene.adaptive.widening_check
-        if wanted and report.event == "critical" and not report.broken and "widened" not in program:
-            error = estimate_error(self.simulation, report.reaction)
-            program["widened"] = float(error is not None)
-            if error is not None:
-                program["error"] = error
+        if not wanted or report.event != "critical":
+            return
+        first = not report.broken and "widened" not in program
+        rises = wanted == "peak" and report.reaction > RISE * program.get("widened_at", 0.0)
+        if not (first or rises):
+            return
+        error = estimate_error(self.simulation, report.reaction)
+        program["widened"], program["widened_at"] = float(error is not None), report.reaction
+        for name, is_told in (("error", first), ("error_of_peak", wanted == "peak")):
+            if is_told and error is not None:
+                program[name] = error
+            elif is_told:  # a lower load's says nothing of this one
+                program.pop(name, None)
 
     def _damaged(self) -> np.ndarray:
         """Places in the share of the cells at the ends of the rank's broken bonds; int64."""

@@ -50,7 +50,7 @@ def switch(simulation: Simulation, turning: Turning) -> None:
     share, need = _wider_share(simulation, turning)
     u_points, u_nodes = carry_over(simulation, share)
     broken = broken_bonds(simulation, share)
-    books = _Books.of(simulation.failure)
+    books = Books.of(simulation.failure)
     simulation.let_go()
     simulation.need = need
     simulation.build(share)
@@ -153,7 +153,7 @@ def carry_over(simulation: Simulation, share: Share) -> tuple[np.ndarray, np.nda
 
 
 @dataclass(frozen=True)
-class _Books:
+class Books:
     """What the books of broken bonds keep at a switch, beside which bonds they are."""
 
     digits: np.ndarray
@@ -162,7 +162,7 @@ class _Books:
     skipped: int
 
     @classmethod
-    def of(cls, failure: Failure | None) -> _Books | None:
+    def of(cls, failure: Failure | None) -> Books | None:
         """Those of the body as it is; None where nothing breaks."""
         if failure is None:
             return None
@@ -170,7 +170,7 @@ class _Books:
         return cls(failure.dissipated_digits.copy(), total, failure.last_extent, skipped)
 
     def enter(self, model: Model, failure: Failure, broken: np.ndarray, solver: Any) -> None:
-        """Break and soften the bonds again, and let the solver know. Collective."""
+        """Break and soften the bonds again, and let the solver, or its preconditioner, know. Collective."""
         failure.restore(model.comm, model.points, model.bonds, broken, self.digits, self.total)
         failure.last_extent = self.last_extent
         if self.skipped:
