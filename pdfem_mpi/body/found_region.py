@@ -14,7 +14,6 @@ import numpy as np
 
 from pdfem_mpi.body.describing import describe
 from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.body.narrow_gaps import cells_at_voids
 from pdfem_mpi.body.near_cracks import near_cracks
 from pdfem_mpi.body.selection import ChosenFaces, ChosenSpots, select_places
 from pdfem_mpi.body.subdomain import Subdomain, cut_out
@@ -75,8 +74,6 @@ class FoundRegion:
         Cells with one within the reach that could be turned and is not.
     at_the_end : bool, shape (n_cells,)
         Cells with one within the reach that can never be turned.
-    at_void : bool, shape (n_cells,)
-        Cells at a void of a mesh file that bonds reach across: no strain tells how far these stretch.
     around : Subdomain
         The share with points in every cell: free ones where its points are free, others that follow nodes.
     left : int
@@ -91,7 +88,6 @@ class FoundRegion:
     can_turn: np.ndarray
     too_near: np.ndarray
     at_the_end: np.ndarray
-    at_void: np.ndarray
     around: Subdomain
     left: int
     elements: Discretization | None = None
@@ -99,7 +95,7 @@ class FoundRegion:
     def part(self, mesh: MeshPart, places: Subdomain) -> FoundRegion:
         """The rows of a part of the mesh, and its places."""
         here = mesh.cell_id
-        names = ("is_turned", "is_held", "can_turn", "too_near", "at_the_end", "at_void")
+        names = ("is_turned", "is_held", "can_turn", "too_near", "at_the_end")
         return replace(self, around=places, **{name: getattr(self, name)[here] for name in names})
 
 
@@ -111,13 +107,15 @@ class WholeRegion:
     rows: FoundRegion
 
 
-def turn(scene: Scene, elements: Discretization, turning: Turning | None) -> WholeRegion:
+def turn(scene: Scene, elements: Discretization, turning: Turning | None, alone: bool = False) -> WholeRegion:
     """Turn cells of a body that has elements everywhere.
 
     Parameters
     ----------
     turning : Turning or None
         None: no cell.
+    alone : bool
+        There is one rank, which keeps the body as it is now.
 
     Raises
     ------
@@ -150,9 +148,9 @@ def turn(scene: Scene, elements: Discretization, turning: Turning | None) -> Who
         can_turn=can_turn,
         too_near=_within(mesh.centroids, can_turn & ~is_turned, reach),
         at_the_end=_within(mesh.centroids, ~can_turn, reach),
-        at_void=cells_at_voids(scene, elements),
         around=_NO_SUBDOMAIN,
         left=int(np.count_nonzero(can_turn & ~is_turned)),
+        elements=elements if alone else None,
     )
     return WholeRegion(whole, rows)
 

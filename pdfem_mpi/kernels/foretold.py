@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.gap_cuts import passes_through
+from pdfem_mpi.kernels.gap_cuts import leaves
 from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
 from pdfem_mpi.kernels.simd import W, above, fma, lanes, load, splat
 
@@ -247,7 +247,8 @@ def mark_around(bins, members, place, centre, reach2, cells, marked):
 
 @njit(**_options)
 def raise_ratios(
-    bins, members, place, centre, reach2, cells, S, class_of, inverse, cutoff2, scale, removed, sums, ratio
+    bins, members, place, centre, reach2, cells, S, class_of, inverse, cutoff2, cutoff, corners, planes, balls, lower,
+    bin_size, n_bins, bin_start, bin_index, found, ratio,
 ):  # fmt: skip
     """Raise the ratios of some cells to the largest stretch over its limit of the bonds of their points.
 
@@ -262,8 +263,8 @@ def raise_ratios(
     inverse : float64, shape (n_classes, n_classes)
         One over the critical stretch; 0 where bonds do not break.
     cutoff2 : float, dimension length^2
-    scale, removed, sums
-        What was taken out of the body, as of `gap_cuts.cut_gaps`; no bond passes through it. ``removed`` may be empty.
+    cutoff, corners, planes, balls, lower, bin_size, n_bins, bin_start, bin_index, found
+        The body's surface, which no bond crosses, as of `gap_cuts.cut_gaps`. ``balls`` may be empty.
     ratio : float64, shape (n_cells,)
         Raised for the cells given.
     """
@@ -286,26 +287,31 @@ def raise_ratios(
                                 square, work = _bonds(S, point, cluster)
                                 larger = lanes(above(work * splat(limit), splat(top) * square))
                                 if larger and larger & ~lanes(above(square, far)):
-                                    top = _raised(S, point, cluster, limit, cutoff2, scale, removed, sums, top)
+                                    top = _raised(
+                                        S, point, cluster, limit, cutoff2, cutoff, corners, planes, balls, lower,
+                                        bin_size, n_bins, bin_start, bin_index, found, top,
+                                    )  # fmt: skip
         ratio[cell] = top
 
 
 @njit(**_options)
-def _raised(S, a, b, limit, cutoff2, scale, removed, sums, top):
+def _raised(
+    S, a, b, limit, cutoff2, cutoff, corners, planes, balls, lower, bin_size, n_bins, bin_start, bin_index, found, top
+):  # fmt: skip
     """The largest of a ratio and those of the bonds from a point to the four of a cluster."""
-    p, q = np.empty(3), np.empty(3)
+    p, q, heights = np.empty(3), np.empty(3), np.empty(found.size)
     for k in range(W):
         square, work = 0.0, 0.0
         for d in range(3):
             xi = S[b + k + W * (3 + d)] - S[a + W * (3 + d)]
             square += xi * xi
             work += xi * (S[b + k + W * d] - S[a + W * d])
-            if removed.size:
-                p[d] = scale[0, d] * S[a + W * (3 + d)] + scale[1, d]
-                q[d] = scale[0, d] * S[b + k + W * (3 + d)] + scale[1, d]
+            p[d], q[d] = S[a + W * (3 + d)], S[b + k + W * (3 + d)]
         if square > cutoff2 or square == 0.0 or work / square * limit <= top:
             continue
-        if not (removed.size and passes_through(p, q, removed, sums)):
+        if not balls.size or not leaves(
+            p, q, cutoff, corners, planes, balls, lower, bin_size, n_bins, bin_start, bin_index, found, heights
+        ):  # fmt: skip
             top = work / square * limit
     return top
 
@@ -321,6 +327,19 @@ SIGNATURES = {
     near_larger: types.void(*_places, _f8, types.float64[:, :, ::1], _f8, types.boolean[::1]),
     mark_around: types.void(*_places, _i8, types.boolean[::1]),
     raise_ratios: types.void(
-        *_places, _i8, _f8, _i8, _table, types.float64, _table, types.uint8[:, :, ::1], types.int32[:, :, ::1], _f8
+        *_places,
+        _i8,
+        _f8,
+        _i8,
+        _table,
+        types.float64,
+        types.float64,
+        _table,
+        _table,
+        _table,
+        _f8,
+        types.float64,
+        *4 * (_i8,),
+        _f8,
     ),
 }

@@ -53,12 +53,13 @@ class Foretelling:
 
     def __init__(self, scene: Scene, share: Share, model: Model):
         around = share.found.around
-        points = with_gaps(scene, share.units, make_points(replace(share, subdomain=around), share.comm))
+        points = with_gaps(share, make_points(replace(share, subdomain=around), share.comm))
         self.share, self.model = share, model
         self.cells = np.concatenate([around.free, around.overlap])
         self._real = np.concatenate([self.cells, around.ghosts])
         self._n_free, self._halo, self._images = points.n_free, points.halo, points.images
-        self._gaps = (points.gaps.scale, points.gaps.removed, points.gaps.sums) if points.gaps else NO_GAPS
+        gaps = points.gaps
+        self._surface = (gaps.cutoff, gaps.corners, gaps.planes, *gaps.near) if gaps else NO_SURFACE
         self._S = _table(points)
         self._connectivity = local_nodes(share)[share.mesh.cells[around.overlap]]
         self._inverse = _inverse_in_the_middle(share.nodes[share.mesh.cells[self.cells]])
@@ -112,7 +113,7 @@ class Foretelling:
         needed[self._source[self._surroundings.marked(chosen)]] = True
         self._displace(self._n_free + np.flatnonzero(needed[self._n_free : own]), moved)
         rest = self._S, self._class_of, self._limits, self.share.cutoff**2
-        raise_ratios(*self._surroundings.rows, chosen, *rest, *self._gaps, ratio)
+        raise_ratios(*self._surroundings.rows, chosen, *rest, *self._surface, ratio)
         found = np.rint(ratio[:own] / ROUNDED) * ROUNDED
         return np.where(ratio[:own] > least, found, 0.0)
 
@@ -125,7 +126,7 @@ class Foretelling:
         """
         strain = np.where(self._asked & cells, self._strains(self._move(u), 0.0)[: len(self.cells)], 0.0)
         (top,) = largest(self.share.comm, np.array([strain.max(initial=0.0)]))
-        first = np.where((strain == top) & (strain > 0.0), 0.0, np.inf)  # or all of those of which it is not known
+        first = np.where((strain == top) & (strain > 0.0), 0.0, np.inf)
         return float(largest(self.share.comm, np.array([self.ratios(u, first).max(initial=0.0)]))[0])
 
     def _move(self, u: np.ndarray) -> np.ndarray:
@@ -155,7 +156,6 @@ class Foretelling:
         strains_by_nodes(self._connectivity, self._inverse[free:], moved, enough / NEARLY, strain[free:own])
         strain[:own] *= NEARLY
         halo = self._halo.halo if self._images else self._halo
-        strain[:own][self.share.found.at_void[self.cells]] = np.inf
         if damaged is not None:
             torn = damaged[self._real].astype(np.int64)
             halo.scatter_reverse(torn)
@@ -170,7 +170,9 @@ class Foretelling:
             return np.where(self._asked & (steepest > 0.0), least / steepest, np.inf)
 
 
-NO_GAPS = np.zeros((2, 3)), np.zeros((0, 0, 0), np.uint8), np.zeros((1, 1, 1), np.int32)
+NO_SURFACE = (
+    0.0, np.empty((0, 9)), *2 * (np.empty((0, 4)),), np.zeros(3), 1.0, *4 * (np.zeros(1, np.int64),),
+)  # fmt: skip
 
 
 def _table(points: Points) -> np.ndarray:

@@ -72,7 +72,6 @@ LATE_IMPORTS = {
     ("mesh.exodus", "netCDF4"),
     ("body.boundaries", "scipy"),
     ("body.found_region", "scipy"),
-    ("body.narrow_gaps", "scipy"),
     ("body.softening", "scipy"),
     ("body.subdomain", "scipy"),
     ("body.traction_opening", "scipy"),
@@ -84,9 +83,8 @@ LATE_IMPORTS = {
     ("mesh.merge", "scipy"),
     ("mesh.nodal_fields", "scipy"),
     ("runs.failure_notes", "scipy"),
-    ("solvers.preconditioner.coarse_grid", "scipy"),
+    ("solvers.preconditioner.grid_stiffness", "scipy"),
     ("solvers.preconditioner.levels", "scipy"),
-    ("solvers.preconditioner.nested_grids", "scipy"),
 }
 PRINTERS = ("command.cli", "command.console", "command.world")
 
