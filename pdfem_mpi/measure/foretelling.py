@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from pdfem_mpi.body.lattice_planes import bond_sizes
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import first_stretches
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.finite_elements.nodes import local_nodes
-from pdfem_mpi.kernels.families import CUTOFF_GUARD
 from pdfem_mpi.kernels.foretold import between_cells, within_cells
 from pdfem_mpi.kernels.interpolation import interpolate
 from pdfem_mpi.kernels.simd import W
@@ -143,7 +143,7 @@ NO_SURFACE = (
 
 def _limits(scene: Scene, share: Share, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """One over the critical stretch by classes of points, and the class of some cells: material, and if it may fail."""
-    stretch = first_stretches(scene, share.units.length, share.cutoff / (1.0 + CUTOFF_GUARD))
+    stretch = first_stretches(scene, *bond_sizes(scene, share))
     finite = np.isfinite(stretch)
     inverse = np.where(finite, 1.0 / share.units.numbers(np.where(finite, stretch, 1.0)), 0.0)
     n = len(inverse)

@@ -15,6 +15,8 @@ from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import build_model
+from pdfem_mpi.peridynamics.failure import Failure
+from pdfem_mpi.peridynamics.weighted_failure import WeightedFailure
 from pdfem_mpi.runs.read_columns import make_gauges
 from pdfem_mpi.runs.readings import Readings
 from pdfem_mpi.runs.region_watch import RegionWatch
@@ -79,6 +81,30 @@ class Assembly(Readings):
         self.known = {"evaluations": forces.evaluations, "swept": forces.swept, "seconds": forces.seconds}
         self.model = self.case = self.forces = self.failure = self.solver = None
         self.gauges = self.probe_reader = self.region_watch = None
+
+    def weigh_stretches(self, setting: np.ndarray, breaking: np.ndarray) -> None:
+        """Count stretches by weights of single bonds: for studies of criteria, which the program's own are not.
+
+        For brittle bonds on one rank, in linear kinematics, with ``stepping.kind = "steps"`` or ``"events"``; before
+        the first step.
+
+        Parameters
+        ----------
+        setting, breaking : float64, shape (n_bonds,), dimension 1
+            What the stretches of the bonds of `bonds` are multiplied by before they are compared with the critical
+            one: to find the load of the next break, and to break. A load is found by the first, and all bonds break
+            there that do by the second.
+
+        Raises
+        ------
+        ValueError
+        """
+        bonds, failure = self.bonds(), self.failure
+        if type(failure) is not Failure or self.model.finite or self.comm.size > 1:
+            raise ValueError("weights are for brittle bonds that may break, in linear kinematics, on one rank")
+        if not np.shape(setting) == np.shape(breaking) == (len(bonds.points),):
+            raise ValueError(f"there are {len(bonds.points):,} bonds: give as many weights of both kinds")
+        self.failure = WeightedFailure.of(failure, self.model.points, bonds.points, setting, breaking)
 
     def prepare_solver(self, note: Note | None = None, stop_requests: Any = None) -> EquilibriumSolver:
         """Set up the scene's solver for the loads as they are; ``note`` is called with remarks for the user."""

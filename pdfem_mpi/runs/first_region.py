@@ -42,7 +42,7 @@ def first_turning(scene: Scene, share: Share) -> Turning:
         On all ranks: nothing is stretched, no place stands out, or the pilot run says nothing.
     """
     settings, none = scene.adaptive, np.empty(0, np.int64)
-    places, distance = broken_places(scene, share.comm) if settings.pilot else (None, 0.0)
+    places, distance = broken_places(scene, share) if settings.pilot else (None, 0.0)
     if scene.cracks:  # elements do not know them: what they say near a crack is not so
         return Turning(none, none, 0.0, places, distance, cracks=True)
     return Turning(none, _hot_cells(scene, share), max(settings.growth, settings.reach), places, distance)
