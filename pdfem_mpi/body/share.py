@@ -209,12 +209,18 @@ class Share:
         )
 
 
-def share_of(scene: Scene, comm: Intracomm, mesh: HexMesh | None = None, turning: Turning | None = None) -> Share:
+def share_of(
+    scene: Scene,
+    comm: Intracomm,
+    mesh: HexMesh | None = None,
+    turning: Turning | None = None,
+    before: Share | None = None,
+) -> Share:
     """This rank's share of a scene's body, see `discretize`, with cells that are turned, see `turn`. Collective."""
-    whole = discretize(scene, mesh, comm)
+    whole = (before and before.found.elements) or discretize(scene, mesh, comm)
     if not scene.is_adaptive:
         return make_share(scene, whole, comm)
-    region = turn(scene, whole, turning)
+    region = turn(scene, whole, turning, comm.size == 1)
     return make_share(scene, region.whole, comm, region)
 
 

@@ -75,7 +75,6 @@ LATE_IMPORTS = {
     ("body.boundaries", "scipy"),
     ("body.found_region", "scipy"),
     ("body.softening", "scipy"),
-    ("measure.foretelling", "scipy"),
     ("body.subdomain", "scipy"),
     ("body.traction_opening", "scipy"),
     ("mesh.carving", "scipy"),
