@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.body.subdomain import partition
+from pdfem_mpi.body.partitioning import partition
 from pdfem_mpi.deck.scene import Scene
 
 

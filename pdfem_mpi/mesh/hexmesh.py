@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from pdfem_mpi.kernels.dense import lengths
+from pdfem_mpi.mesh.everywhere import Everywhere
 
 #: A node lies on a plane, or a centroid in a box, within this fraction of the body's size.
 POSITION_TOLERANCE = 1e-6
@@ -46,6 +47,19 @@ class HexMesh:
     face_sets: Mapping[str, np.ndarray] = field(default_factory=dict)
     node_sets: Mapping[str, np.ndarray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    #: What it knows of cells beyond its own.
+    everywhere = Everywhere()
+
+    @cached_property
+    def cell_id(self) -> np.ndarray:
+        """Numbers of the cells in the whole mesh; int64, shape (n_cells,)."""
+        return np.arange(len(self.cells))
+
+    @cached_property
+    def node_id(self) -> np.ndarray:
+        """Numbers of the nodes in the whole mesh; int64, shape (n_nodes,)."""
+        return np.arange(len(self.nodes))
 
     def sha256(self) -> str:
         """Identity of the content: the same nodes, cells and named sets in the same order have the same digest."""
@@ -184,15 +198,18 @@ def _range_of_edges(mesh: HexMesh) -> tuple[float, float]:
 
 
 def list_cells(mesh: HexMesh, cells: np.ndarray) -> str:
-    """The first few of some cells and where they are.
+    """The first few of some cells and where they are. Collective, if the mesh is a part.
 
     Parameters
     ----------
     cells : int64, shape (n,), or bool, shape (n_cells,)
-        Numbers of the cells in any order, or which they are.
+        Places of the cells in any order, or which they are.
     """
-    numbers = np.flatnonzero(cells) if cells.dtype == bool else np.unique(cells)
-    return ", ".join(f"{cell} at ({', '.join(f'{c:.6g}' for c in mesh.centroids[cell])})" for cell in numbers[:LISTED])
+    places = np.flatnonzero(cells) if cells.dtype == bool else np.unique(cells)
+    places = places[mesh.everywhere.of_own(places)][:LISTED]
+    first = [(int(mesh.cell_id[place]), mesh.centroids[place].tolist()) for place in places]
+    first = sorted(mesh.everywhere.gathered(first))[:LISTED]
+    return ", ".join(f"{number} at ({', '.join(f'{c:.6g}' for c in centroid)})" for number, centroid in first)
 
 
 def equal_rows(rows: np.ndarray) -> np.ndarray:

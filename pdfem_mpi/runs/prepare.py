@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pdfem_mpi.body.cutting import share_of
 from pdfem_mpi.body.found_region import Turning
 from pdfem_mpi.body.meshing import make_mesh
-from pdfem_mpi.body.share import Share, share_of
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError

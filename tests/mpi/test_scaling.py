@@ -6,9 +6,9 @@ Also run on 8 and 32 ranks, oversubscribed: 216 cells a rank.
 import numpy as np
 import pytest
 
+from pdfem_mpi.body.cutting import share_of
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.body.share import share_of
-from pdfem_mpi.body.subdomain import partition
+from pdfem_mpi.body.partitioning import partition
 from pdfem_mpi.kernels.exact_sums import SIZE
 from pdfem_mpi.parallel.comm import sum_integers, world
 from pdfem_mpi.parallel.slabs import gather_rows

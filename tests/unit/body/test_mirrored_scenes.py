@@ -6,7 +6,7 @@ import pytest
 from pdfem_mpi.body import subdomain as subdomain_module
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.meshing import make_mesh
-from pdfem_mpi.body.subdomain import partition
+from pdfem_mpi.body.partitioning import partition
 from pdfem_mpi.deck.loads import Support, Traction
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.peridynamics import Crack

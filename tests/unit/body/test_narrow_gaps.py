@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.body.share import share_of
+from pdfem_mpi.body.cutting import share_of
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
