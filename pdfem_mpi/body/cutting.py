@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -18,13 +19,14 @@ from pdfem_mpi.body.partitioning import count_neighbours, partition
 from pdfem_mpi.body.probing import place_probes
 from pdfem_mpi.body.selection import select_places
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.body.sight import Sight, digests, is_seen_in_part, see
+from pdfem_mpi.body.sight import Sight, digests, is_seen_in_part, see, surroundings
 from pdfem_mpi.body.subdomain import by_places, cut_out, node_owners
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.mesh.doubled import doubled_faces
 from pdfem_mpi.mesh.everywhere import SeenInPart
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.part import MeshPart, take_part
+from pdfem_mpi.mesh.pieces import block_of
 from pdfem_mpi.parallel.comm import broadcast
 from pdfem_mpi.parallel.dealing import median
 
@@ -47,7 +49,7 @@ def share_of(
     Parameters
     ----------
     before_whole : callable, optional
-        Called before every rank makes the whole body.
+        Called before every rank makes a whole body of which it should see a part: something is wrong with it.
 
     Raises
     ------
@@ -58,13 +60,24 @@ def share_of(
         with suppress(SeenInPart):
             sight = see(scene, comm)
             return _cut(scene, comm, sight.body, sight.owner, sight=sight)
-    if before_whole:
-        before_whole()
+        if before_whole:
+            before_whole()
     whole = discretize(scene, mesh, comm)
     if not scene.is_adaptive:
         return make_share(scene, whole, comm)
     region = turn(scene, whole, turning)
     return make_share(scene, region.whole, comm, region)
+
+
+def cells_seen(scene: Scene, comm: Intracomm) -> int:
+    """Cells of a mesh that is made which this rank will make at a time, about: its own, and those around them."""
+    n_cells = math.prod(scene.mesh.n_cells)
+    if not is_seen_in_part(scene, comm):
+        return n_cells
+    ends = np.array([scene.mesh.lower, scene.mesh.upper])
+    block = np.clip(block_of(*ends, comm.rank, comm.size), *ends)
+    sides = np.minimum(block[1] - block[0] + 2.0 * surroundings(scene), ends[1] - ends[0])
+    return math.ceil(float(np.prod(sides / scene.mesh.spacing)))
 
 
 def make_share(scene: Scene, whole: Discretization, comm: Intracomm, region: WholeRegion | None = None) -> Share:

@@ -1,7 +1,7 @@
 """From the scene and its mesh to collocation points, finite elements and their overlap, in model units.
 
-The discretization is global and the same on every rank: about 150 bytes a cell, against 20,000 bytes of bonds of a
-peridynamic cell. It ends in this folder: what a rank keeps of it is its `share.Share`, and nothing above sees more.
+It is made of all cells, or on several ranks of those that a rank sees (`sight`): about 150 bytes a cell, against 20,000
+bytes of bonds of a peridynamic cell. It ends in this folder: what a rank keeps is its `share.Share`.
 
 **Model units.** Lengths are in units of the internal length ``l`` (without peridynamics: of the mean edge), measured
 from the centre of the bounding box, stresses in units of the default material's Young's modulus. Numbers stored in

@@ -74,7 +74,7 @@ def _around_line(body: Discretization, entry: Any) -> Discretization:
             body.has_points[cells], body.is_overlap[cells], body.carries[mesh.cells[cells]],
         )
     )  # fmt: skip
-    order = np.argsort(ids)
+    order = np.argsort(ids, kind="stable")
     numbers, first, place = np.unique(corners[order], return_index=True, return_inverse=True)
     near = MeshPart(
         x[order].reshape(-1, 3)[first], place.reshape(-1, 8), measures=mesh.measures, cell_id=ids[order],

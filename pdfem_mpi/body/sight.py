@@ -110,6 +110,14 @@ def _deepest(scene: Scene) -> int:
     return max((getattr(entry, "layers", 1) for entry in entries), default=1)
 
 
+def surroundings(scene: Scene) -> float:
+    """Width of what is around a rank's cells of a mesh that is made, about; the deck's units."""
+    edge, cutoff = scene.mesh.spacing, 0.0
+    if scene.has_peridynamics:
+        cutoff = scene.peridynamics.lengths(edge)[1] + edge
+    return cutoff + edge * (1 + _overlap(scene) + _deepest(scene))
+
+
 def _block(scene: Scene, pieces: Pieces) -> MeshPart:
     """The cells of the rank's block, and those around it that their costs depend on. Collective."""
     edge = pieces.measures.largest_edge

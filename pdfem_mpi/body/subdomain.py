@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 #: Distance of two centroids beyond that of the two balls around their cells' Gauss points, and the balls' radii, in
 #: longest edges, at most: two nodes of a cell are three edges apart or less.
 WIDEST_BALLS = 12.0
+#: Cells whose balls are found together.
+BALLS = 1024
 
 
 @dataclass(frozen=True)
@@ -201,6 +203,10 @@ def near_images(discretization, x, target, margin=0.0) -> tuple[np.ndarray, np.n
 
 def cell_balls(discretization, cells) -> tuple[np.ndarray, np.ndarray]:
     """Centre and radius of a ball around the Gauss points of some cells, model units."""
-    points = gauss_positions(discretization.nodes[discretization.mesh.cells[cells]])
-    centre = 0.5 * (points.min(axis=1) + points.max(axis=1))
-    return centre, np.sqrt(((points - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
+    centre, radius = np.empty((len(cells), 3)), np.empty(len(cells))
+    for start in range(0, len(cells), BALLS):
+        part = slice(start, start + BALLS)
+        points = gauss_positions(discretization.nodes[discretization.mesh.cells[cells[part]]])
+        centre[part] = 0.5 * (points.min(axis=1) + points.max(axis=1))
+        radius[part] = np.sqrt(((points - centre[part, None]) ** 2).sum(axis=2).max(axis=1))
+    return centre, radius

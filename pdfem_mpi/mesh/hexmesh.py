@@ -63,14 +63,7 @@ class HexMesh:
 
     def sha256(self) -> str:
         """Identity of the content: the same nodes, cells and named sets in the same order have the same digest."""
-        digest = hashlib.sha256()
-        for array, dtype in ((self.nodes, "<f8"), (self.cells, "<i4")):
-            digest.update(f"{array.shape} ".encode() + np.ascontiguousarray(array, dtype).tobytes())
-        for kind in ("cell_sets", "face_sets", "node_sets"):
-            for name, members in sorted(getattr(self, kind).items()):
-                digest.update(f"{kind} {len(name)} {name} {members.size} ".encode())
-                digest.update(np.ascontiguousarray(members, "<i8").tobytes())
-        return digest.hexdigest()
+        return _sha256(self)
 
     @cached_property
     def lower(self) -> np.ndarray:
@@ -163,16 +156,8 @@ class HexMesh:
 
     @cached_property
     def boundary(self) -> tuple[np.ndarray, np.ndarray]:
-        """Faces that belong to one cell only, in the order of cells.
-
-        Returns
-        -------
-        cells : int64, shape (n_faces,)
-        sides : int64, shape (n_faces,)
-            Row of ``FACES``.
-        """
-        number = equal_rows(np.sort(self.cells[:, FACES].reshape(-1, 4), axis=1))
-        return np.divmod(np.flatnonzero(np.bincount(number)[number] == 1), len(FACES))
+        """Faces that belong to one cell only, in the order of cells: their cells and rows of ``FACES``; int64."""
+        return _boundary(self)
 
     def neighbours(self, chosen: np.ndarray) -> np.ndarray:
         """The chosen cells and all cells that share a node with one of them.
@@ -195,6 +180,22 @@ def _range_of_edges(mesh: HexMesh) -> tuple[float, float]:
     batches = (mesh.edges(slice(k, k + BATCH)) for k in range(0, len(mesh.cells), BATCH))
     ranges = [(float(edges.min()), float(edges.max())) for edges in batches]
     return min(low for low, _ in ranges), max(high for _, high in ranges)
+
+
+def _boundary(mesh: HexMesh) -> tuple[np.ndarray, np.ndarray]:
+    number = equal_rows(np.sort(mesh.cells[:, FACES].reshape(-1, 4), axis=1))
+    return np.divmod(np.flatnonzero(np.bincount(number)[number] == 1), len(FACES))
+
+
+def _sha256(mesh: HexMesh) -> str:
+    digest = hashlib.sha256()
+    for array, dtype in ((mesh.nodes, "<f8"), (mesh.cells, "<i4")):
+        digest.update(f"{array.shape} ".encode() + np.ascontiguousarray(array, dtype).tobytes())
+    for kind in ("cell_sets", "face_sets", "node_sets"):
+        for name, members in sorted(getattr(mesh, kind).items()):
+            digest.update(f"{kind} {len(name)} {name} {members.size} ".encode())
+            digest.update(np.ascontiguousarray(members, "<i8").tobytes())
+    return digest.hexdigest()
 
 
 def list_cells(mesh: HexMesh, cells: np.ndarray) -> str:

@@ -6,11 +6,12 @@ import math
 import os
 from collections.abc import Collection
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from pdfem_mpi.body.cutting import share_of
+from pdfem_mpi.body.cutting import cells_seen, share_of
 from pdfem_mpi.body.found_region import Turning
 from pdfem_mpi.body.meshing import make_mesh
 from pdfem_mpi.body.share import Share
@@ -77,7 +78,7 @@ def cut_share(scene: Scene, comm, turning: Turning | None = None) -> Share:
     SceneError
         On all ranks.
     """
-    mesh = None
+    mesh = before_whole = None
     if isinstance(scene.mesh, FileMesh):
         messages = []
         if comm.rank == 0:
@@ -90,8 +91,9 @@ def cut_share(scene: Scene, comm, turning: Turning | None = None) -> Share:
         check_mesh(scene, broadcast(comm, len(mesh.cells) if mesh else 0), comm)
         mesh = broadcast(comm, mesh)
     else:
-        check_mesh(scene, math.prod(scene.mesh.n_cells), comm)
-    return share_of(scene, comm, mesh, turning)
+        check_mesh(scene, n_cells := math.prod(scene.mesh.n_cells), comm, cells_seen(scene, comm))
+        before_whole = partial(check_mesh, scene, n_cells, comm)
+    return share_of(scene, comm, mesh, turning, before_whole)
 
 
 def cut_again(scene: Scene, before: Share) -> Share:
