@@ -133,7 +133,7 @@ def _measures(comm: Intracomm, block: Part) -> Measures:
     if len(block.cells):
         ends = np.concatenate([-mesh.lower, mesh.upper, [-mesh.smallest_edge, mesh.largest_edge]])
     ends = largest(comm, ends)
-    lower, upper = 0.0 - ends[:3], ends[3:6]
+    lower, upper = 0.0 - ends[:3], ends[3:6].copy()
     return Measures(lower, upper, _tolerance(lower, upper), float(-ends[6]), float(ends[7]))
 
 
