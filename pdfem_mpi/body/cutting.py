@@ -13,7 +13,6 @@ from pdfem_mpi.body.boundaries import Boundaries
 from pdfem_mpi.body.counts import Counts, count
 from pdfem_mpi.body.discretization import Discretization, discretize
 from pdfem_mpi.body.found_region import Turning, WholeRegion, cut_around, turn
-from pdfem_mpi.body.narrow_gaps import describe_narrow_gaps
 from pdfem_mpi.body.overlap import describe_cracked_overlap
 from pdfem_mpi.body.partitioning import count_neighbours, partition
 from pdfem_mpi.body.probing import place_probes
@@ -21,6 +20,7 @@ from pdfem_mpi.body.selection import select_places
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.sight import Sight, digests, is_seen_in_part, see, surroundings
 from pdfem_mpi.body.subdomain import by_places, cut_out, node_owners
+from pdfem_mpi.body.surface import surface_near
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.mesh.doubled import doubled_faces
 from pdfem_mpi.mesh.everywhere import SeenInPart
@@ -138,13 +138,13 @@ def _cut(
         cutoff=body.cutoff,
         mirrors=body.mirrors,
         reflections=body.reflections,
-        doubled=_doubled(scene, body),
+        **_faces(scene, body, owner == comm.rank),
         counts=_count(body, sight),
         typical_edge=_typical_edge(body),
         joint_regions=regions_of(body.is_peridynamic & body.is_overlap),
         overlap_regions=regions_of(body.is_overlap),
         quality=body.quality,
-        notes=(*body.notes, *describe_narrow_gaps(scene, body)),
+        notes=body.notes,
         crack_notes=tuple(describe_cracked_overlap(scene, body)),
         mesh_sha256=sha256[0],
         body_sha256=sha256[1],
@@ -187,11 +187,12 @@ def _digests(whole: Discretization, comm: Intracomm) -> tuple[str, str]:
     return broadcast(comm, (whole.mesh.sha256(), whole.sha256()) if comm.rank == 0 else None)
 
 
-def _doubled(scene: Scene, whole: Discretization) -> np.ndarray:
-    """Faces at one place, where the deck keeps them as a crack, model units; float64, shape (n, 4, 3)."""
-    if getattr(scene.mesh, "doubled_nodes", "refuse") == "refuse":
-        return np.empty((0, 4, 3))
-    return (doubled_faces(whole.mesh)[0] - whole.units.origin) / whole.units.length
+def _faces(scene: Scene, body: Discretization, mine: np.ndarray) -> dict[str, np.ndarray]:
+    """Faces at one place, where the deck keeps them as a crack, and the surface near some cells, bool (n_cells,)."""
+    doubled = np.empty((0, 4, 3))
+    if getattr(scene.mesh, "doubled_nodes", "refuse") == "crack":
+        doubled = (doubled_faces(body.mesh)[0] - body.units.origin) / body.units.length
+    return {"doubled": doubled, "surface": surface_near(scene, body, mine)}
 
 
 def _typical_edge(body: Discretization) -> float:

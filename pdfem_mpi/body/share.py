@@ -64,8 +64,8 @@ class Share:
         Guarded cutoff radius in model units; 0 without peridynamics.
     mirrors, reflections : Mirrors, two float64 arrays of shape (n, 3)
         Mirror planes; signs and shifts of reflections that bring an image within the cutoff radius of the body.
-    doubled : float64, shape (n, 4, 3)
-        Faces of the whole mesh that are a crack by their doubled nodes, model units.
+    doubled, surface : float64, shape (n, 4, 3)
+        Faces of the whole mesh that are a crack by their doubled nodes, and those of `surface_near`; model units.
     counts, typical_edge : Counts, float
         Sizes of the body; edge of cells taken as cubes, the median over the body, model units.
     joint_regions, overlap_regions : int64
@@ -104,6 +104,7 @@ class Share:
     mirrors: Mirrors
     reflections: tuple[np.ndarray, np.ndarray]
     doubled: np.ndarray
+    surface: np.ndarray
     counts: Counts
     typical_edge: float
     joint_regions: np.ndarray

@@ -8,7 +8,7 @@ of terms that depend on two points alone: the same bits in any order, and on any
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.gap_cuts import passes_through
+from pdfem_mpi.kernels.gap_cuts import leaves
 from pdfem_mpi.kernels.simd import W
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
@@ -53,7 +53,10 @@ def within_cells(S, class_of, inverse, cutoff2, ratio):
 
 
 @njit(**_options)
-def between_cells(cells, start, others, S, class_of, inverse, cutoff2, scale, removed, sums, ratio):
+def between_cells(
+    cells, start, others, S, class_of, inverse, cutoff2, cutoff, corners, planes, balls, lower, bin_size, bins,
+    bin_start, bin_index, found, ratio,
+):  # fmt: skip
     """Raise the ratio of some cells by the bonds of their points to those of other cells.
 
     Parameters
@@ -63,12 +66,12 @@ def between_cells(cells, start, others, S, class_of, inverse, cutoff2, scale, re
         Cells that have points near those of each.
     S, class_of, inverse, cutoff2
         As of `within_cells`.
-    scale, removed, sums
-        What was taken out of the body, as of `gap_cuts.cut_gaps`; no bond passes through it. ``removed`` may be empty.
+    cutoff, corners, planes, balls, lower, bin_size, bins, bin_start, bin_index, found
+        The body's surface, which no bond crosses, as of `gap_cuts.cut_gaps`. ``balls`` may be empty.
     ratio : float64, shape (n_cells,)
         Raised for the cells given.
     """
-    p, q = np.empty(3), np.empty(3)
+    p, q, heights = np.empty(3), np.empty(3), np.empty(found.size)
     for k in range(cells.size):
         cell = cells[k]
         top = ratio[cell]
@@ -79,16 +82,19 @@ def between_cells(cells, start, others, S, class_of, inverse, cutoff2, scale, re
                 continue
             for i in range(8 * cell, 8 * cell + 8):
                 for j in range(8 * other, 8 * other + 8):
-                    found = _stretch(S, i, j, cutoff2) * limit
-                    if found <= top:
+                    stretched = _stretch(S, i, j, cutoff2) * limit
+                    if stretched <= top:
                         continue
-                    if removed.size:
+                    if balls.size:
                         for d in range(3):
-                            p[d] = scale[0, d] * S[9 * W * (i // W) + i % W + W * (3 + d)] + scale[1, d]
-                            q[d] = scale[0, d] * S[9 * W * (j // W) + j % W + W * (3 + d)] + scale[1, d]
-                        if passes_through(p, q, removed, sums):
+                            p[d] = S[9 * W * (i // W) + i % W + W * (3 + d)]
+                            q[d] = S[9 * W * (j // W) + j % W + W * (3 + d)]
+                        if leaves(
+                            p, q, cutoff, corners, planes, balls, lower, bin_size, bins, bin_start, bin_index, found,
+                            heights,
+                        ):  # fmt: skip
                             continue
-                    top = found
+                    top = stretched
         ratio[cell] = top
 
 
@@ -101,9 +107,16 @@ SIGNATURES = {
         types.int64[::1],
         types.int64[::1],
         *_common,
+        types.float64,
         types.float64[:, ::1],
-        types.uint8[:, :, ::1],
-        types.int32[:, :, ::1],
+        types.float64[:, ::1],
+        types.float64[:, ::1],
+        _table,
+        types.float64,
+        types.int64[::1],
+        types.int64[::1],
+        types.int64[::1],
+        types.int64[::1],
         _table,
     ),
 }

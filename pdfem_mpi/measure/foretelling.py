@@ -53,7 +53,7 @@ class Foretelling:
     def __init__(self, scene: Scene, share: Share, model: Model):
         around = share.found.around
         self.share, self.model = share, model
-        self.points = with_gaps(scene, share.units, make_points(replace(share, subdomain=around), share.comm))
+        self.points = with_gaps(share, make_points(replace(share, subdomain=around), share.comm))
         self.cells = np.concatenate([around.free, around.overlap])
         self._S = sums_table(self.points)[0]
         self._connectivity = local_nodes(share)[share.mesh.cells[around.overlap]]
@@ -103,9 +103,9 @@ class Foretelling:
         within_cells(*rest, ratio)
         chosen = self._worth_a_look(ratio, WARM * threshold)
         gaps = self.points.gaps
-        removed = (gaps.scale, gaps.removed, gaps.sums) if gaps else NO_GAPS
+        surface = (gaps.cutoff, gaps.corners, gaps.planes, *gaps.near) if gaps else NO_SURFACE
         for cells, start, others in self._surroundings(chosen):
-            between_cells(cells, start, others, *rest, *removed, ratio)
+            between_cells(cells, start, others, *rest, *surface, ratio)
         found = np.rint(ratio[: len(self.cells)] / ROUNDED) * ROUNDED
         return np.where(self._asked, found, 0.0)
 
@@ -136,7 +136,9 @@ class Foretelling:
             yield cells, start, np.concatenate(lists).astype(np.int64)
 
 
-NO_GAPS = np.zeros((2, 3)), np.zeros((0, 0, 0), np.uint8), np.zeros((1, 1, 1), np.int32)
+NO_SURFACE = (
+    0.0, np.empty((0, 9)), *2 * (np.empty((0, 4)),), np.zeros(3), 1.0, *4 * (np.zeros(1, np.int64),),
+)  # fmt: skip
 
 
 def _limits(scene: Scene, share: Share, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

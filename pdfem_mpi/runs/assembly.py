@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.measure.probed import ProbeReader
 from pdfem_mpi.model.breaking import make_failure
@@ -53,7 +55,8 @@ class Assembly(Readings):
     def build(self, share: Share) -> None:
         """Make the equations of a share of the body. Collective."""
         self.model = build_model(self.scene, share, self.comm, self.caches)
-        self.share = replace(share, boundaries=None)  # the whole body goes here
+        # the whole body goes here, and the surface that only bonds of a region to be found are still compared with
+        self.share = replace(share, boundaries=None, surface=share.surface if share.found else np.empty((0, 4, 3)))
         self.case = make_load_case(self.scene, self.share, self.model)
 
     def assemble(self) -> None:

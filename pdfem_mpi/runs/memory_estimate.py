@@ -21,7 +21,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.parallel.comm import agree, largest, node_communicator, sum_integers
-from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts
+from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts, halved
 from pdfem_mpi.system.process_limits import Limit, group_limit, own_limit
 
 #: Cells of a rank whose families are searched.
@@ -40,9 +40,9 @@ DILATATION_BYTES = 25
 WEIGHT_BYTES = 32
 #: Vectors over the unknowns of a point or node while a load case is made: state, loads, one rigid mode at a time.
 MOTION_BYTES = 330
-#: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model, for a cell; and its
-#: coarse grid, which rank 0 has, for a cell of the grid.
-GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES, GRID_CELL_BYTES = 320, 700, 16_000
+#: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model, for a cell; rows of the
+#: rank's part of the coarse grid, for a node of it, and what rank 0 makes of the last one, for a cell of that.
+GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES, GRID_NODE_BYTES, GRID_CELL_BYTES = 320, 700, 6_000, 16_000
 #: Table, vectors, blocks and multipliers of a point while bond factors are fitted.
 FIT_POINT_BYTES = 1700
 #: Matrix and factors of the fit's grid on every rank, for a cell with points, and at most.
@@ -139,12 +139,21 @@ def estimate(scene: Scene, share: Share) -> Need:
     if scene.has_cycle:
         later += 8 * len(subdomain.free) * GRADIENT_POINT_BYTES
         later += (len(cells) + len(subdomain.elements)) * GRADIENT_CELL_BYTES
-        later += float(np.prod(grid_counts(share)[0])) * GRID_CELL_BYTES * (share.comm.rank == 0)
+        later += _of_coarse_grid(share)
     fit = 0.0
     if bonds and scene.peridynamics.surface_correction == "fitted":
         fit = 8 * (len(cells) + len(subdomain.ghosts)) * FIT_POINT_BYTES
         fit += min(FIT_GRID_BYTES, FIT_GRID_CELL_BYTES * share.counts.point_cells)
     return Need(bonds, total + max(later, fit))  # one after the other
+
+
+def _of_coarse_grid(share: Share) -> float:
+    """Bytes of a rank's part of the coarse grid: of the levels that are dealt out as of the body, and of the last."""
+    counts, n_halvings = grid_counts(share)
+    part = np.count_nonzero(share.is_owned) / share.counts.cells
+    dealt_out = sum(float(np.prod(halved(counts, k) + 1)) for k in range(n_halvings))
+    last = float(np.prod(halved(counts, n_halvings))) * (share.comm.rank == 0)
+    return part * dealt_out * GRID_NODE_BYTES + last * GRID_CELL_BYTES
 
 
 def _count_bonds(share: Share, cells: np.ndarray) -> tuple[float, float]:

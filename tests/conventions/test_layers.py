@@ -72,7 +72,6 @@ LATE_IMPORTS = {
     ("mesh.exodus", "netCDF4"),
     ("body.boundaries", "scipy"),
     ("body.found_region", "scipy"),
-    ("body.narrow_gaps", "scipy"),
     ("body.softening", "scipy"),
     ("measure.foretelling", "scipy"),
     ("body.partitioning", "scipy"),
@@ -87,9 +86,8 @@ LATE_IMPORTS = {
     ("mesh.nodal_fields", "scipy"),
     ("mesh.pieces", "scipy"),
     ("runs.failure_notes", "scipy"),
-    ("solvers.preconditioner.coarse_grid", "scipy"),
+    ("solvers.preconditioner.grid_stiffness", "scipy"),
     ("solvers.preconditioner.levels", "scipy"),
-    ("solvers.preconditioner.nested_grids", "scipy"),
 }
 PRINTERS = ("command.cli", "command.console", "command.world")
 
