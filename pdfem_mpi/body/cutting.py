@@ -43,6 +43,7 @@ def share_of(
     mesh: HexMesh | None = None,
     turning: Turning | None = None,
     before_whole: Callable[[], None] | None = None,
+    before: Share | None = None,
 ) -> Share:
     """This rank's share of a scene's body, see `discretize`, with cells that are turned, see `turn`. Collective.
 
@@ -50,6 +51,8 @@ def share_of(
     ----------
     before_whole : callable, optional
         Called before every rank makes a whole body of which it should see a part: something is wrong with it.
+    before : Share, optional
+        Of the same scene, with bonds elsewhere.
 
     Raises
     ------
@@ -62,10 +65,10 @@ def share_of(
             return _cut(scene, comm, sight.body, sight.owner, sight=sight)
         if before_whole:
             before_whole()
-    whole = discretize(scene, mesh, comm)
+    whole = (before and before.found.elements) or discretize(scene, mesh, comm)
     if not scene.is_adaptive:
         return make_share(scene, whole, comm)
-    region = turn(scene, whole, turning)
+    region = turn(scene, whole, turning, comm.size == 1)
     return make_share(scene, region.whole, comm, region)
 
 
@@ -138,7 +141,7 @@ def _cut(
         cutoff=body.cutoff,
         mirrors=body.mirrors,
         reflections=body.reflections,
-        **_faces(scene, body, owner == comm.rank),
+        **_faces(scene, body, owner == comm.rank, region is not None),
         counts=_count(body, sight),
         typical_edge=_typical_edge(body),
         joint_regions=regions_of(body.is_peridynamic & body.is_overlap),
@@ -187,12 +190,12 @@ def _digests(whole: Discretization, comm: Intracomm) -> tuple[str, str]:
     return broadcast(comm, (whole.mesh.sha256(), whole.sha256()) if comm.rank == 0 else None)
 
 
-def _faces(scene: Scene, body: Discretization, mine: np.ndarray) -> dict[str, np.ndarray]:
+def _faces(scene: Scene, body: Discretization, mine: np.ndarray, turnable: bool) -> dict[str, np.ndarray]:
     """Faces at one place, where the deck keeps them as a crack, and the surface near some cells, bool (n_cells,)."""
     doubled = np.empty((0, 4, 3))
     if getattr(scene.mesh, "doubled_nodes", "refuse") == "crack":
         doubled = (doubled_faces(body.mesh)[0] - body.units.origin) / body.units.length
-    return {"doubled": doubled, "surface": surface_near(scene, body, mine)}
+    return {"doubled": doubled, "surface": surface_near(scene, body, mine, turnable)}
 
 
 def _typical_edge(body: Discretization) -> float:
