@@ -9,7 +9,7 @@ import numpy as np
 from pdfem_mpi.kernels.dense import eigen, product
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import MOTION_NAMES, NO_ROTATION, PAIRS, modes_at, symmetric
-from pdfem_mpi.model.parts import Parts, describe_parts, positions, sum_over_parts
+from pdfem_mpi.model.parts import Parts, extents, in_words, positions, sum_over_parts
 from pdfem_mpi.parallel.comm import largest
 
 #: Places that move at least this fraction of the largest displacement belong to the region of a motion.
@@ -48,5 +48,5 @@ def describe_motion(model: Model, motion: np.ndarray) -> str:
     shares = amounts**2 * np.diag(gram)
     if shares[3:].sum() > TURNING * shares.sum():  # about an axis beside the region it looks like a translation
         shares[:3] = 0.0
-    text = describe_parts(model, Parts(np.where(inside, 0, 1), 2))[0]
-    return f"{text} move, mostly by {MOTION_NAMES[int(np.argmax(shares))]}"
+    counts, reach = extents(model, Parts(np.where(inside, 0, 1), 2))
+    return f"{in_words(model, counts[0], reach[0])} move, mostly by {MOTION_NAMES[int(np.argmax(shares))]}"

@@ -21,7 +21,8 @@ from pdfem_mpi.kernels.union_find import join_rows, spread_smallest
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import PAIRS, left_free, modes_at, motion_names
 from pdfem_mpi.model.restraints import sprung_unknowns
-from pdfem_mpi.parallel.comm import distinct, largest, sum_integers
+from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.parallel.directory import Directory
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.images import SCALAR, halo_for
 
@@ -110,9 +111,19 @@ def find_parts(model: Model) -> Parts:
     own = np.concatenate(
         [label[: 8 * points.n_free] if points else label[:0], label[n_points:][: nodes.n_owned if nodes else 0]]
     )
-    labels = distinct(model.comm, own)
-    of = np.searchsorted(labels, own) if len(labels) > 1 else np.zeros(len(own), np.int64)
-    return Parts(of, len(labels))
+    return _numbered(model, own)
+
+
+def _numbered(model: Model, label: np.ndarray) -> Parts:
+    """Number the labels, int64 (n_triples,), from 0 in rising order; no rank has the list of them. Collective."""
+    comm, ends = model.comm, np.array([-np.inf, -np.inf])
+    if len(label):
+        ends = np.array([label.max(), -label.min()], float)
+    last, first = largest(comm, ends).tolist()
+    if last == -first:
+        return Parts(np.zeros(len(label), np.int64), 1)
+    numbers = Directory.of_places(comm, label, int(last) + 1)
+    return Parts(numbers.ask(label), int(sum_integers(comm, np.array([len(numbers.ids)]))[0]))
 
 
 def find_unsupported(model: Model, parts: Parts, fixed: np.ndarray) -> tuple[UnsupportedPart, ...]:
@@ -141,13 +152,14 @@ def find_unsupported(model: Model, parts: Parts, fixed: np.ndarray) -> tuple[Uns
     if model.mirrors:
         size = np.trace(second, axis1=1, axis2=2)[:, None]
         kept[:, _DIAGONAL] += number * _kept_by_planes(model, parts) * np.where(np.arange(6) < 3, 1.0, size)
-    texts = describe_parts(model, parts)
+    counts, reach = extents(model, parts)
     found = []
-    for part in range(parts.count):
+    for part in range(model.comm.rank, parts.count, model.comm.size):  # the ranks take turns: parts may be many
         motions = left_free(inertia[part], kept[part])
         if len(motions):
-            found.append(UnsupportedPart(part, centre[part], motions, texts[part]))
-    return tuple(found)
+            found.append(UnsupportedPart(part, centre[part], motions, in_words(model, counts[part], reach[part])))
+    found = [part for some in model.comm.allgather(found) for part in some]
+    return tuple(sorted(found, key=lambda part: part.part))
 
 
 def _kept_by_ties(model: Model, parts: Parts, y: np.ndarray) -> np.ndarray:
@@ -234,24 +246,32 @@ def sum_over_parts(comm, parts: Parts, chosen: np.ndarray, numbers: np.ndarray) 
     return sum_integers(comm, sums) * quanta
 
 
-def describe_parts(model: Model, parts: Parts) -> list[str]:
-    """Size and place of each part. Collective."""
+def extents(model: Model, parts: Parts) -> tuple[np.ndarray, np.ndarray]:
+    """How many points and nodes each part has, and where it ends. Collective.
+
+    Returns
+    -------
+    counts : int64, shape (count, 2)
+    reach : float64, shape (count, 6), dimension length
+        Upper corners, and lower ones with the other sign.
+    """
     x, n = positions(model), model.unknowns.n_points
     numbers = np.zeros((parts.count, 2), np.int64)
     np.add.at(numbers, (parts.of, (np.arange(len(x)) >= n).astype(int)), 1)
-    numbers = sum_integers(model.comm, numbers)
     reach = np.full((parts.count, 6), -np.inf)
     np.maximum.at(reach, parts.of, np.concatenate([x, -x], axis=1))
-    reach = largest(model.comm, reach)
-    texts, units = [], model.units
-    for (n_points, n_nodes), row in zip(numbers, reach, strict=True):
-        counts = [
-            f"{count:,} {name}{'' if count == 1 else 's'}"
-            for count, name in ((n_points, "point"), (n_nodes, "node"))
-            if count
-        ]
-        lower, upper = (
-            ", ".join(f"{c:.6g}" for c in corner * units.length + units.origin) for corner in (-row[3:], row[:3])
-        )
-        texts.append(f"{' and '.join(counts)} from ({lower}) to ({upper})")
-    return texts
+    return sum_integers(model.comm, numbers), largest(model.comm, reach)
+
+
+def in_words(model: Model, counts: np.ndarray, reach: np.ndarray) -> str:
+    """Size and place of one of `extents`, in the deck's units."""
+    sizes = [
+        f"{count:,} {name}{'' if count == 1 else 's'}"
+        for count, name in zip(counts, ("point", "node"), strict=True)
+        if count
+    ]
+    units = model.units
+    lower, upper = (
+        ", ".join(f"{c:.6g}" for c in corner * units.length + units.origin) for corner in (-reach[3:], reach[:3])
+    )
+    return f"{' and '.join(sizes)} from ({lower}) to ({upper})"

@@ -141,16 +141,6 @@ def largest(comm: Intracomm, values: Array) -> Array:
     return np.where(result[1] > 0.0, np.nan, result[0])
 
 
-def distinct(comm: Intracomm, values: Array) -> Array:
-    """Return the sorted distinct integers of all ranks, int64. Collective.
-
-    Parameters
-    ----------
-    values : int64, any shape
-    """
-    return np.unique(np.concatenate(comm.allgather(np.unique(np.asarray(values, np.int64)))))
-
-
 def agree(comm: Intracomm, messages: list[str]) -> list[str]:
     """Return the messages of all ranks in rank order, each once; empty when no rank has one. Collective.
 
