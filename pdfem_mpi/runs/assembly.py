@@ -21,7 +21,7 @@ from pdfem_mpi.runs.read_columns import make_gauges
 from pdfem_mpi.runs.readings import Readings
 from pdfem_mpi.runs.region_watch import RegionWatch
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
-from pdfem_mpi.solvers.preconditioner.coarse_grid import Grid
+from pdfem_mpi.solvers.preconditioner.cycle import Cycle
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 
 Note = Callable[[str], None]
@@ -44,7 +44,7 @@ class Assembly(Readings):
         Who hears remarks of the solver, and who says when to stop.
     observers : list
         Of switches: their ``let_go()`` is called before one, and ``take(simulation)`` after it.
-    kept_grid : Grid or None
+    kept_cycle : Cycle or None
         The preconditioner's, of the intact body, which a switch does not change.
     """
 
@@ -52,7 +52,7 @@ class Assembly(Readings):
     known: dict[str, Any]
     words: tuple[Note, Any]
     observers: list[Any]
-    kept_grid: Grid | None = None
+    kept_cycle: Cycle | None = None
 
     def build(self, share: Share) -> None:
         """Make the equations of a share of the body. Collective."""
@@ -77,7 +77,7 @@ class Assembly(Readings):
         for observer in self.observers:
             observer.let_go()
         forces = self.forces
-        self.kept_grid = self.solver.preconditioner.grid if self.solver else None
+        self.kept_cycle = self.solver.preconditioner.cycle if self.solver else None
         self.known = {"evaluations": forces.evaluations, "swept": forces.swept, "seconds": forces.seconds}
         self.model = self.case = self.forces = self.failure = self.solver = None
         self.gauges = self.probe_reader = self.region_watch = None
@@ -109,12 +109,12 @@ class Assembly(Readings):
     def prepare_solver(self, note: Note | None = None, stop_requests: Any = None) -> EquilibriumSolver:
         """Set up the scene's solver for the loads as they are; ``note`` is called with remarks for the user."""
         self.words = note or self.words[0], stop_requests or self.words[1]
-        if self.kept_grid is None:
+        if self.kept_cycle is None:
             solver = make_solver(self.scene, self.share, self.forces, self.case, *self.words)
         else:
-            kept = make_preconditioner(self.share, self.model, self.case, self.forces.bounds, self.kept_grid)
+            kept = make_preconditioner(self.share, self.model, self.case, self.forces.bounds, self.kept_cycle)
             solver = EquilibriumSolver(self.forces, self.case, self.scene.solver, kept, *self.words)
         if self.region_watch:
             solver = replace(solver, look_at_region=self.region_watch.look)
-        self.solver, self.kept_grid = solver, None  # of other supports it would not be the same
+        self.solver, self.kept_cycle = solver, None  # of other supports it would not be the same
         return solver

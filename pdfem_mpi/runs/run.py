@@ -173,7 +173,7 @@ class Run:
         with phase(self.seconds, "setup"), large_arrays_apart():
             prepared = prepare(scene, comm, read_turned(start, scene, comm))
             if start.path:
-                start.notes += compare(start, identity(scene, prepared[0]), self.options.force)
+                start.notes += compare(start, identity(scene, prepared.share), self.options.force)
             if start.finished and not start.changed:
                 self.reporter.line(f"pdfem: {self.out} is finished already; --set a longer program to go on.")
                 if self.claimed:
