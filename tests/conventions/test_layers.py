@@ -83,6 +83,7 @@ LATE_IMPORTS = {
     ("mesh.generators", "scipy"),
     ("mesh.merge", "scipy"),
     ("mesh.nodal_fields", "scipy"),
+    ("peridynamics.sharing_bonds", "scipy"),
     ("runs.failure_notes", "scipy"),
     ("solvers.preconditioner.grid_stiffness", "scipy"),
     ("solvers.preconditioner.levels", "scipy"),
