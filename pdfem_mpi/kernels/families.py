@@ -3,8 +3,8 @@
 A *row* is one point ``i`` against one cluster ``J`` of four points; it is kept when at least one of the four is in
 the family of ``i``. Bonds inside a rank stand in the row of the point with the lower local index. A bond between
 two ranks stands on one of them only: on the rank whose cell lies deeper (`peridynamics.sharing_bonds`); of equal depths
-on the rank of the lower-numbered cell when the sum of the two cell numbers is even, else on the other. Bonds across a
-mirror plane follow the same rule: a bond to the image of a cell and its mirror image are one bond, kept in the row of
+on the rank of the lower-numbered cell when the sum of the two cell numbers is even, else on the other. By the numbers
+goes a bond across a mirror plane too: that to the image of a cell and its mirror image are one bond, kept in the row of
 one of the two cells; of the bonds to images of its own cell a point keeps those to itself and to later points.
 
 Positions are in *cluster layout*: ``x[cluster][component][lane]``, flat.

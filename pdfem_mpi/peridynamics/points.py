@@ -25,10 +25,9 @@ class Depths:
     Attributes
     ----------
     neighbour : int64, shape (n_cells,)
-        Of ghosts and their images which of the neighbours owns them, by number; else -1.
+        Of ghosts which of the neighbours owns them, by number; else -1, also for images.
     depth : float64, shape (n_cells, n_neighbours), dimension length
-        Of owned cells and their images from the ghosts of each neighbour; of ghosts, in the column of their owner, from
-        the cells of this rank.
+        Of owned cells from the ghosts of each neighbour; of ghosts, in the column of their owner, from this rank's cells.
     """
 
     neighbour: np.ndarray

@@ -4,6 +4,9 @@ The depth of a cell is its distance from the nearest cell of the other rank. A b
 cells: a rank then needs those cells of another that lie near to it, about half of those within the cutoff radius, and
 the two have about as many of their bonds each. The owner of a cell works its depths out and tells them to the others,
 so that both ranks compare the same numbers; which of them adds a force changes no bit of it.
+
+A bond across a mirror plane has two names, by either of its ends and the image of the other. Numbers of cells decide
+between them, so that broken bonds have the same names on any number of ranks.
 """
 
 from __future__ import annotations
@@ -63,8 +66,6 @@ def _depths(points: Points) -> Depths:
             depth[lent, k] = cKDTree(centres[ghosts]).query(centres[lent])[0]
         neighbour[ghosts] = k
         told.append(depth[lent, k])
-    ghosts = slice(halo.n_owned, n_real)
-    depth[np.arange(n_cells)[ghosts], neighbour[ghosts]] = halo.swap(told)
-    if points.images:
-        neighbour[n_real:], depth[n_real:] = neighbour[points.images.source], depth[points.images.source]
+    ghosts = np.arange(halo.n_owned, n_real)
+    depth[ghosts, neighbour[ghosts]] = halo.swap(told)
     return Depths(neighbour, depth)
