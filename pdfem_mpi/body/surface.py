@@ -9,7 +9,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.mesh.hexmesh import FACES
 
 
-def surface_near(scene: Scene, whole: Discretization, mine: np.ndarray) -> np.ndarray:
+def surface_near(scene: Scene, whole: Discretization, mine: np.ndarray, turnable: bool) -> np.ndarray:
     """Faces of the surface within the cutoff radius of the box around some cells; none of a body without hollows.
 
     Faces on mirror planes are inside of the body.
@@ -17,6 +17,8 @@ def surface_near(scene: Scene, whole: Discretization, mine: np.ndarray) -> np.nd
     Parameters
     ----------
     mine : bool, shape (n_cells,)
+    turnable : bool
+        Whether elements may be turned into bonds: they are compared with the surface, too.
 
     Returns
     -------
@@ -24,7 +26,8 @@ def surface_near(scene: Scene, whole: Discretization, mine: np.ndarray) -> np.nd
         Corners in model units, counter-clockwise as seen from outside.
     """
     mesh = whole.mesh
-    if not scene.mesh.may_have_hollows or not (mine & whole.has_points).any():
+    with_bonds = mine if turnable else mine & whole.has_points
+    if not scene.mesh.may_have_hollows or not with_bonds.any():
         return np.empty((0, 4, 3))
     cells, sides = mesh.boundary
     nodes = mesh.cells[cells[:, None], FACES[sides]]

@@ -27,7 +27,7 @@ class Depths:
     neighbour : int64, shape (n_cells,)
         Of ghosts which of the neighbours owns them, by number; else -1, also for images.
     depth : float64, shape (n_cells, n_neighbours), dimension length
-        Of owned cells from the ghosts of each neighbour; of ghosts, in the column of their owner, from this rank's cells.
+        Of owned cells from ghosts of each neighbour; of ghosts, in the column of their owner, from this rank's cells.
     """
 
     neighbour: np.ndarray

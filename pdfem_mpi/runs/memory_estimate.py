@@ -48,6 +48,9 @@ FIT_POINT_BYTES = 1700
 #: Matrix and factors of the fit's grid on every rank, for a cell with points, and at most.
 FIT_GRID_CELL_BYTES, FIT_GRID_BYTES = 8_000, 2e8
 
+#: More than a bond takes, and than a cell takes beside its bonds: what is below with these need not be counted.
+MOST_BOND_BYTES, MOST_CELL_BYTES = 20, 20_000
+
 
 @dataclass(frozen=True)
 class Need:
@@ -86,18 +89,29 @@ def forget_peak() -> None:
         return
 
 
-def check_mesh(scene: Scene, n_cells: int, comm) -> None:
+def check_mesh(scene: Scene, n_cells: int, comm, seen: int | None = None) -> None:
     """Refuse a mesh that would not fit, before it is made or, from a file, given to all ranks. Collective.
+
+    Parameters
+    ----------
+    seen : int, optional
+        Cells that this rank makes; all, if not given.
 
     Raises
     ------
     SceneError
     """
-    _refuse(scene, comm, n_cells * (CELL_BYTES + CELL_PEAK_BYTES), f"the mesh of {n_cells:,} cells")
+    needed = (n_cells if seen is None else seen) * (CELL_BYTES + CELL_PEAK_BYTES)
+    _refuse(scene, comm, needed, f"the mesh of {n_cells:,} cells")
 
 
-def check_model(scene: Scene, share: Share, comm) -> Need:
+def check_model(scene: Scene, share: Share, comm, held: float = 0.0) -> Need:
     """Refuse a scene whose model and solver would not fit, before they are made. Collective.
+
+    Parameters
+    ----------
+    held : float
+        Bytes that this rank lets go before.
 
     Returns
     -------
@@ -112,8 +126,25 @@ def check_model(scene: Scene, share: Share, comm) -> Need:
     need = estimate(scene, share)
     bonds = sum_integers(comm, np.array([int(need.bonds)]))[0]
     what = f"the scene with about {bonds:.2g} bonds" if bonds else "the scene"
-    _refuse(scene, comm, need.bytes, what)
+    _refuse(scene, comm, max(need.bytes - held, 0.0), what)
     return need
+
+
+def fits(scene: Scene, share: Share, comm) -> bool:
+    """Whether a scene's model and solver fit into memory beside what there is. Collective."""
+    try:
+        check_model(scene, share, comm)
+    except SceneError:
+        return False
+    return True
+
+
+def fits_easily(share: Share, most_bonds: float) -> bool:
+    """Whether a body with at most so many bonds would fit into what is free, had one rank all of it. Collective."""
+    most = MOST_BOND_BYTES * most_bonds + MOST_CELL_BYTES * share.counts.cells
+    limits = [limit.bytes for limit in (group_limit(), own_limit()) if limit]
+    free = min([float(psutil.virtual_memory().available), *limits])
+    return not largest(share.comm, np.array([float(most > free)]))[0]
 
 
 def estimate(scene: Scene, share: Share) -> Need:

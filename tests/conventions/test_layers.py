@@ -49,17 +49,19 @@ HOMES = {
     "pytest": (),
 }
 # Imports inside functions: MPI starts when imported, the command line prepares the environment first,
-# and only rank 0 loads the libraries of the files that were asked for.
+# and only rank 0 loads the libraries of the files that were asked for, and of tables.
 # Few runs read a mesh file, or seek the law of bonds that soften. Parts of scipy take 0.1 to 0.2 s of processor time on
 # each rank, and few scenes need them.
 LATE_IMPORTS = {
     ("parallel.comm", "mpi4py"),
     ("command.cli", "pdfem_mpi"),
+    ("command.console", "rich"),
     ("command.doctor", "pdfem_mpi.parallel"),
     ("command.folders", "pdfem_mpi"),
     ("command.plotting", "pdfem_mpi"),
     ("results.pictures", "pyvista"),
     ("results.pictures", "vtkmodules"),
+    ("command.world", "pdfem_mpi.body.counts"),
     ("command.world", "pdfem_mpi.parallel"),
     ("runs.restart_point", "pdfem_mpi.results"),
     ("runs.checkpoints", "pdfem_mpi.results"),
@@ -73,17 +75,19 @@ LATE_IMPORTS = {
     ("body.boundaries", "scipy"),
     ("body.found_region", "scipy"),
     ("body.softening", "scipy"),
-    ("measure.foretelling", "scipy"),
+    ("body.partitioning", "scipy"),
     ("body.subdomain", "scipy"),
     ("body.traction_opening", "scipy"),
     ("mesh.carving", "scipy"),
     ("mesh.defects", "scipy"),
     ("mesh.doubled", "scipy"),
     ("mesh.faces", "scipy"),
+    ("mesh.formats", "pdfem_mpi.mesh"),
     ("mesh.generators", "scipy"),
     ("mesh.merge", "scipy"),
     ("mesh.nodal_fields", "scipy"),
     ("peridynamics.sharing_bonds", "scipy"),
+    ("mesh.pieces", "scipy"),
     ("runs.failure_notes", "scipy"),
     ("solvers.preconditioner.grid_stiffness", "scipy"),
     ("solvers.preconditioner.levels", "scipy"),
@@ -180,7 +184,10 @@ def test_folders_import_downwards(module):
 
 
 #: Modules of the body that speak of all of its cells. The share of a rank is what later stages see.
-WHOLE_BODY = ("body.discretization", "body.subdomain", "body.regions", "body.overlap", "body.fitted_bodies")
+WHOLE_BODY = (
+    "body.discretization", "body.partitioning", "body.sight", "body.subdomain", "body.regions", "body.overlap",
+    "body.fitted_bodies",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if floor(name) is not None])
