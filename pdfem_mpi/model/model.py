@@ -164,8 +164,7 @@ def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, .
     if counts.overlap_cells:
         overlap = Overlap(local[share.mesh.cells[share.subdomain.overlap]])
     mass, raised = make_masses(comm, points, bonds, nodes, elements, overlap, relaxes(scene))
-    order = _unknowns_of(points, nodes)
-    springs, ties = make_springs(scene, share, order), make_ties(scene, share, order)
+    springs, ties = (make(scene, share, _unknowns_of(points, nodes)) for make in (make_springs, make_ties))
     return Model(
         comm=comm,
         units=share.units,
