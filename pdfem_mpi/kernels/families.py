@@ -2,10 +2,10 @@
 
 A *row* is one point ``i`` against one cluster ``J`` of four points; it is kept when at least one of the four is in
 the family of ``i``. Bonds inside a rank stand in the row of the point with the lower local index. A bond between
-two ranks stands on one of them only: on the rank of the lower-numbered cell when the sum of the two cell numbers
-is even, else on the other, which shares the boundary's bonds evenly whatever the numbering. Bonds across a mirror
-plane follow the same rule: a bond to the image of a cell and its mirror image are one bond, kept in the row of one of
-the two cells; of the bonds to images of its own cell a point keeps those to itself and to later points.
+two ranks stands on one of them only: on the rank whose cell lies deeper (`peridynamics.sharing_bonds`); of equal depths
+on the rank of the lower-numbered cell when the sum of the two cell numbers is even, else on the other. By the numbers
+goes a bond across a mirror plane too: that to the image of a cell and its mirror image are one bond, kept in the row of
+one of the two cells; of the bonds to images of its own cell a point keeps those to itself and to later points.
 
 Positions are in *cluster layout*: ``x[cluster][component][lane]``, flat.
 """
@@ -55,8 +55,8 @@ def cluster_balls(x, centre, radius):
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 def find_rows(
-    first, last, x, n_owned, ghosts, cell_number, centre, radius, cutoff, lower, bin_size, bins, bin_start, bin_index,
-    row_start, row_offset, candidates,
+    first, last, x, n_owned, ghosts, cell_number, neighbour, depth, centre, radius, cutoff, lower, bin_size, bins,
+    bin_start, bin_index, row_start, row_offset, candidates,
 ):  # fmt: skip
     """Count the rows of the points of clusters ``first:last`` or, when ``row_offset`` has room, write them.
 
@@ -73,6 +73,8 @@ def find_rows(
         this rank owns.
     cell_number : int64, shape (n_clusters / 2,)
         Global number of the peridynamic cell of each local cell; an image has that of its cell.
+    neighbour, depth : int64, shape (n_clusters / 2,), float64, shape (n_clusters / 2, n_neighbours)
+        Of each local cell: which of the neighbours owns it, -1 for none of them, and depths as in `Depths`.
     centre, radius : float64, shapes (n_clusters, 3), (n_clusters,), dimension length
         From `cluster_balls`.
     cutoff : float, dimension length
@@ -113,7 +115,11 @@ def find_rows(
                             if c < n_owned:
                                 continue
                             other = cell_number[c // 2]
-                            if number != other and (number < other) != ((number + other) % 2 == 0):
+                            k = neighbour[c // 2]
+                            if k >= 0 and depth[own // 2, k] != depth[c // 2, k]:
+                                if depth[own // 2, k] < depth[c // 2, k]:
+                                    continue
+                            elif number != other and (number < other) != ((number + other) % 2 == 0):
                                 continue
                         elif c < own or c >= n_owned:
                             continue
@@ -238,8 +244,8 @@ def fill_rows(
 SIGNATURES = {
     cluster_balls: types.void(_f8, types.float64[:, ::1], _f8),
     find_rows: types.void(
-        types.int64, types.int64, _f8, types.int64, types.boolean, _i8, types.float64[:, ::1], _f8, types.float64,
-        _f8, types.float64, _i8, _i8, _i8, _i8, _u4, _i8,
+        types.int64, types.int64, _f8, types.int64, types.boolean, _i8, _i8, types.float64[:, ::1],
+        types.float64[:, ::1], _f8, types.float64, _f8, types.float64, _i8, _i8, _i8, _i8, _u4, _i8,
     ),
     count_rows: types.void(_i8, _u4, _i8, _i8),
     fill_rows: types.void(

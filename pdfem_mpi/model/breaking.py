@@ -23,7 +23,7 @@ def make_failure(scene: Scene, share: Share, model: Model) -> Failure | None:
     stretch = critical_stretches(scene, share)
     if not (stretch < UNBREAKABLE).any():
         return None
-    cells = share.subdomain.point_cells
+    cells = model.subdomain.point_cells
     room = max(RECORDS, model.bonds.most_slots)
     fitted = model.body_fit is not None and model.body_fit.fit is not None
     kind, more = (SofteningFailure, {"softened": model.bonds.softened}) if model.bonds.softened else (Failure, {})

@@ -26,7 +26,8 @@ from pdfem_mpi.peridynamics.damage import family_weights
 from pdfem_mpi.peridynamics.fit.fit import BodyFit
 from pdfem_mpi.peridynamics.fracture_energy import energy_of_own_bonds
 from pdfem_mpi.peridynamics.making_bonds import bonds_of_scene
-from pdfem_mpi.peridynamics.points import Points, make_points
+from pdfem_mpi.peridynamics.points import Points
+from pdfem_mpi.peridynamics.sharing_bonds import with_needed_ghosts
 from pdfem_mpi.peridynamics.softened import in_their_rows
 from pdfem_mpi.peridynamics.stable_masses import relaxes
 from pdfem_mpi.peridynamics.uneven import CONVERGED, most_uneven_point
@@ -139,12 +140,13 @@ def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, .
     SceneError
         A body whose bond factors cannot be fitted, or whose bonds do not bear its Poisson's ratio.
     """
-    subdomain, counts = share.subdomain, share.counts
+    counts = share.counts
     points = bonds = nodes = elements = overlap = body_fit = None
     remaining, cut, intact_weights, own_energy, most_uneven = 0.0, [], None, None, None
     if counts.point_cells:
-        points = make_points(share, comm)
+        share, points = with_needed_ghosts(share, comm, scene.kinematics == "finite")
         bonds, remaining, body_fit = bonds_of_scene(scene, share, comm, points, fits)
+        points = replace(points, depths=None)
         if remaining > CONVERGED:
             virial = scene.peridynamics.surface_correction != "appendix_a"
             most_uneven = most_uneven_point(comm, points, share.materials, bonds, virial)
@@ -160,14 +162,13 @@ def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, .
     if counts.elements:
         elements = make_elements(share, local, comm, scene.kinematics == "finite")
     if counts.overlap_cells:
-        overlap = Overlap(local[share.mesh.cells[subdomain.overlap]])
+        overlap = Overlap(local[share.mesh.cells[share.subdomain.overlap]])
     mass, raised = make_masses(comm, points, bonds, nodes, elements, overlap, relaxes(scene))
-    order = _unknowns_of(points, nodes)
-    springs, ties = make_springs(scene, share, order), make_ties(scene, share, order)
+    springs, ties = (make(scene, share, _unknowns_of(points, nodes)) for make in (make_springs, make_ties))
     return Model(
         comm=comm,
         units=share.units,
-        subdomain=subdomain,
+        subdomain=share.subdomain,
         points=points,
         bonds=bonds,
         nodes=nodes,

@@ -57,7 +57,7 @@ def make_thermal(scene: Scene, share: Share, model: Model) -> Thermal | None:
         return None
     forces, of_points, common, contributions = np.zeros(model.n_unknowns), np.empty(0), np.empty(0), []
     if model.points:
-        of_points = np.ascontiguousarray(strains_of(share.subdomain.point_cells)).reshape(-1)
+        of_points = np.ascontiguousarray(strains_of(model.subdomain.point_cells)).reshape(-1)
         body = model.comm, model.points, model.bonds, of_points
         common = thermal_dilatations(*body)
         on_points = thermal_bond_forces(*body, common)

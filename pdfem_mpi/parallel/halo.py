@@ -80,6 +80,31 @@ class Halo:
         self.start_reverse(a)
         self.finish_reverse(a)
 
+    def shared(self) -> list[tuple[Array, Array]]:
+        """For each of the neighbours: the owned rows that it holds copies of, and the ghosts that it owns."""
+        lent, ghosts = dict(self._lent.parts), dict(self._ghosts.parts)
+        places, nothing = np.arange(self.n_owned + self.n_ghost)[self._ghosts.index], slice(0)
+        return [
+            (self._lent.index[lent.get(rank, nothing)], places[ghosts.get(rank, nothing)]) for rank in self.neighbours
+        ]
+
+    def swap(self, told: list[Array]) -> Array:
+        """Numbers of the ghosts, float64, shape (n_ghost,), that their owners tell each neighbour apart.
+
+        Parameters
+        ----------
+        told : list of float64 arrays
+            For each of the neighbours, of the owned rows that it holds copies of, in the order of `shared`.
+        """
+        buffers = self._allocate(np.dtype(float), ())
+        by_rank = dict(zip(self.neighbours, told, strict=True))
+        for rank, part in self._lent.parts:
+            buffers.lent[part] = by_rank[rank]
+        self._mpi.Request.Waitall([post() for post in buffers.forward])
+        result = np.empty(self.n_owned + self.n_ghost)
+        result[self._ghosts.index] = buffers.ghosts
+        return result[self.n_owned :]
+
     def scatter_smallest(self, a: Array) -> None:
         """Lower the rows of owners to the smallest of their copies, entry by entry, then overwrite the copies."""
         self.start_reverse(a)

@@ -19,6 +19,22 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class Depths:
+    """How far cells lie from those of another rank.
+
+    Attributes
+    ----------
+    neighbour : int64, shape (n_cells,)
+        Of ghosts which of the neighbours owns them, by number; else -1, also for images.
+    depth : float64, shape (n_cells, n_neighbours), dimension length
+        Of owned cells from ghosts of each neighbour; of ghosts, in the column of their owner, from this rank's cells.
+    """
+
+    neighbour: np.ndarray
+    depth: np.ndarray
+
+
+@dataclass(frozen=True)
 class Points:
     """Collocation points of the local cells: owned free cells, owned overlap cells, ghosts, mirror images.
 
@@ -44,6 +60,8 @@ class Points:
         Body of each local cell, where there are several: no bonds between them.
     gaps : Gaps or None
         What was taken out between the points, while bonds are made: none passes through it.
+    depths : Depths or None
+        Where cells lie towards other ranks, while bonds are made.
     """
 
     n_free: int
@@ -57,6 +75,7 @@ class Points:
     n_numbers: int = 0
     body: np.ndarray | None = None
     gaps: Gaps | None = None
+    depths: Depths | None = None
 
     @property
     def cell_key(self) -> np.ndarray:

@@ -35,6 +35,22 @@ def find_bonds(points: Points, cutoff: float, finite: bool) -> tuple[Rows, Rows]
     interior, boundary : Rows
         With offsets, and stored numbers still 0.
     """
+    interior, boundary = _search(points, cutoff, finite, (False, True))
+    return interior, boundary
+
+
+def boundary_rows(points: Points, cutoff: float, finite: bool) -> Rows:
+    """The second of `find_bonds` alone."""
+    return _search(points, cutoff, finite, (True,))[0]
+
+
+def cells_of(rows: Rows) -> np.ndarray:
+    """Local cells that the rows point at; int64."""
+    return np.unique(rows.offset[:-1] // np.uint32(2 * 9 * W)).astype(np.int64)
+
+
+def _search(points: Points, cutoff: float, finite: bool, kinds: tuple[bool, ...]) -> list[Rows]:
+    """Rows of the owned points against each other (False), against ghosts and images (True)."""
     n_clusters = points.n_clusters
     centre, radius = np.empty((n_clusters, 3)), np.empty(n_clusters)
     families.cluster_balls(points.x, centre, radius)
@@ -47,16 +63,19 @@ def find_bonds(points: Points, cutoff: float, finite: bool) -> tuple[Rows, Rows]
     bin_index = np.argsort(flat, kind="stable")
     bin_start = np.searchsorted(flat[bin_index], np.arange(int(bins.prod()) + 1))
 
-    n_owned = 2 * points.n_owned
+    n_owned, n_cells = 2 * points.n_owned, len(points.cell_number)
+    depths = np.full(n_cells, -1), np.zeros((n_cells, 0))
+    if points.depths:
+        depths = points.depths.neighbour, points.depths.depth
     found = []
-    for ghosts in (False, True):
+    for ghosts in kinds:
         if ghosts and n_clusters == n_owned:
             start, offset = np.zeros(1, np.int64), np.zeros(1, np.uint32)
             found.append(Rows(start, offset, np.zeros(2 * W if finite else W, np.float32)))
             break
         start = np.zeros(W * n_owned + 1, np.int64)
         search = (
-            0, n_owned, points.x, n_owned, ghosts, points.cell_number, centre, radius, cutoff,
+            0, n_owned, points.x, n_owned, ghosts, points.cell_number, *depths, centre, radius, cutoff,
             lower, bin_size, bins, bin_start, bin_index, start,
         )  # fmt: skip
         candidates = np.empty(n_clusters, np.int64)
@@ -64,7 +83,7 @@ def find_bonds(points: Points, cutoff: float, finite: bool) -> tuple[Rows, Rows]
         offset = np.zeros(int(start[-1]) + 1, np.uint32)  # one padding row: the sweeps read one row ahead
         families.find_rows(*search, offset, candidates)
         found.append(Rows(start, offset, np.zeros(len(offset) * (2 * W if finite else W), np.float32)))
-    return tuple(found)
+    return found
 
 
 def within_bodies(points: Points, rows: Rows, finite: bool) -> Rows:

@@ -86,6 +86,7 @@ LATE_IMPORTS = {
     ("mesh.generators", "scipy"),
     ("mesh.merge", "scipy"),
     ("mesh.nodal_fields", "scipy"),
+    ("peridynamics.sharing_bonds", "scipy"),
     ("mesh.pieces", "scipy"),
     ("runs.failure_notes", "scipy"),
     ("solvers.preconditioner.grid_stiffness", "scipy"),

@@ -286,3 +286,18 @@ def test_misuse_is_an_error_before_any_message_is_sent(comm):
     with pytest.raises(RuntimeError, match="no reverse exchange"):
         case.halo.finish_reverse(a)
     case.halo.finish_forward(a)
+
+
+@pytest.mark.mpi
+def test_owners_tell_each_neighbour_apart(comm):
+    """A number for each copy, of its row and of who has it: others are told others."""
+    n = 6
+    ids = np.arange(n) + n * comm.rank
+    others = np.setdiff1d(np.arange(n * comm.size), ids)[comm.rank :: 2]
+    halo = build_halo(comm, ids, others, others // n)
+    shared = halo.shared()
+    assert_all(comm, all((ids[lent] // n == comm.rank).all() for lent, _ in shared))
+    told = [100.0 * rank + ids[lent] for rank, (lent, _) in zip(halo.neighbours, shared, strict=True)]
+    assert_all(comm, halo.swap(told).tolist() == (100.0 * comm.rank + others).tolist())
+    for rank, (_, ghosts) in zip(halo.neighbours, shared, strict=True):
+        assert (others[ghosts - n] // n == rank).all()

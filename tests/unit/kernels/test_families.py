@@ -159,12 +159,13 @@ def test_a_range_of_clusters_at_a_time():
     centre, radius = np.empty((n, 3)), np.empty(n)
     families.cluster_balls(points.x, centre, radius)
     bins, everything = np.ones(3, np.int64), (np.array([0, n]), np.arange(n))  # one bin for all
+    nothing = np.full(n // 2, -1), np.zeros((n // 2, 0))
     start = np.zeros_like(rows.start)
     start[1:] = -1
     offset = np.zeros_like(rows.offset)
     for first, last in ((0, 1), (1, 5), (5, 5), (5, n)):
         families.find_rows(
-            first, last, points.x, n, False, points.cell_number, centre, radius, CUTOFF,
+            first, last, points.x, n, False, points.cell_number, *nothing, centre, radius, CUTOFF,
             centre.min(axis=0), 1e3, bins, *everything, start, offset, np.empty(n, np.int64),
         )  # fmt: skip
     assert (start == rows.start).all()

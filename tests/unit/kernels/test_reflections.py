@@ -107,8 +107,9 @@ def test_each_bond_across_mirror_planes_is_found_once(faces):
     n_clusters = 4 + 2 * n_images
     centre, radius = np.empty((n_clusters, 3)), np.empty(n_clusters)
     families.cluster_balls(flat, centre, radius)
-    search = (0, 4, flat, 4, True, number, centre, radius, cutoff, centre.min(axis=0), 100.0, np.ones(3, np.int64))
-    bins = (np.array([0, n_clusters]), np.arange(n_clusters))
+    nothing = np.full(n_clusters // 2, -1), np.zeros((n_clusters // 2, 0))
+    search = (0, 4, flat, 4, True, number, *nothing, centre, radius, cutoff)
+    bins = (centre.min(axis=0), 100.0, np.ones(3, np.int64), np.array([0, n_clusters]), np.arange(n_clusters))
     start, scratch = np.zeros(17, np.int64), np.empty(n_clusters, np.int64)
     families.find_rows(*search, *bins, start, np.empty(0, np.uint32), scratch)
     offset = np.zeros(int(start[-1]) + 1, np.uint32)
