@@ -116,7 +116,7 @@ def export_csv(folder: Path, out: Path, frame: int = -1) -> Iterator[Path]:
         with h5py.File(source, "r", locking=False) as file:
             part = Part(file["VTKHDF"], int(file["VTKHDF/Steps"].attrs["NSteps"]))
             if not -part.n_frames <= frame < part.n_frames:
-                raise NotExported(f"{source} has {part.n_frames} frames, and no frame {frame}. They count from 0.")
+                raise NotExported(f"{source} has no frame {frame}: they count from 0 to {part.n_frames - 1}.")
             fields = part.fields("PointData", frame % part.n_frames)
             columns = dict(zip(COMPONENTS, part.root["Points"][:].T, strict=True)) | dict(_columns(fields))
         path = out / ("points.csv" if name == "points" else "nodes.csv")

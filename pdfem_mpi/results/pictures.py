@@ -137,7 +137,7 @@ def draw_film(
 def _settled(body: Body, view: View) -> View:
     """The view with its frame, field and factor chosen."""
     if not -body.n_frames <= view.frame < body.n_frames:
-        raise NoPicture(f"{body.folder} has {body.n_frames} frames, and no frame {view.frame}. They count from 0.")
+        raise NoPicture(f"{body.folder} has no frame {view.frame}: they count from 0 to {body.n_frames - 1}.")
     frame = view.frame % body.n_frames
     name = view.field
     if name is None:

@@ -121,5 +121,5 @@ def test_bad_input_of_export_is_a_sentence(run_folder, tmp_path, capsys):
     (tmp_path / "full" / "mine").write_text("")
     assert "none of pvd and csv" in refused(capsys, export, run_folder, "xlsx", -1, tmp_path / "out")
     assert "left alone" in refused(capsys, export, run_folder, "pvd", -1, tmp_path / "full")
-    assert "has 2 frames, and no frame 2" in refused(capsys, export, run_folder, "csv", 2, tmp_path / "out")
+    assert "has no frame 2: they count from 0 to 1." in refused(capsys, export, run_folder, "csv", 2, tmp_path / "out")
     assert "holds no run" in refused(capsys, export, tmp_path, "pvd", -1, tmp_path / "out")

@@ -82,7 +82,7 @@ def test_the_factor_is_a_round_number(tmp_path):
 
 @pytest.mark.parametrize(
     ("view", "words"),
-    [(View(frame=2), "has 2 frames, and no frame 2"), (View(field="stress"), "have no field stress")],
+    [(View(frame=2), "has no frame 2: they count from 0 to 1"), (View(field="stress"), "have no field stress")],
 )
 def test_bad_input_is_a_sentence(tmp_path, view, words):
     with pytest.raises(NoPicture, match=words):
