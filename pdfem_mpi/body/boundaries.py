@@ -15,6 +15,7 @@ from pdfem_mpi.body.fitted_bodies import meets_another
 from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.hex8 import gauss_positions, gauss_volumes
+from pdfem_mpi.mesh.hexmesh import FACES
 from pdfem_mpi.mesh.part import MeshPart
 from pdfem_mpi.mesh.quality import CORNERS
 
@@ -36,6 +37,8 @@ class Boundaries:
     whole : Discretization
     mesh : MeshPart
         The rank's cells.
+    hollow : bool
+        Whether bonds may end at the surface of cells without points, too.
 
     Attributes
     ----------
@@ -47,8 +50,8 @@ class Boundaries:
         Where the first of them is, the deck's units.
     """
 
-    def __init__(self, whole: Discretization, mesh: MeshPart):
-        self._whole, self._mesh = whole, mesh
+    def __init__(self, whole: Discretization, mesh: MeshPart, hollow: bool):
+        self._whole, self._mesh, self._hollow = whole, mesh, hollow
         self.thin = len(whole.thin)
         self.first_thin = whole.mesh.centroids[whole.thin[0]] if self.thin else None
         self.boxes = np.empty((whole.n_bodies, 2, 3))
@@ -60,11 +63,11 @@ class Boundaries:
     def of(cls, scene: Scene, whole: Discretization, mesh: MeshPart) -> Boundaries | None:
         """Those of a scene; None where nothing is to be fitted."""
         wanted = scene.peridynamics.surface_correction == "fitted" and whole.n_bodies
-        return cls(whole, mesh) if wanted else None
+        return cls(whole, mesh, scene.mesh.may_have_hollows) if wanted else None
 
     def fingerprint(self, settings: str) -> str:
         """Hexadecimal name of a fit; ``settings`` are all it depends on beside the body."""
-        return fingerprint(self._whole, settings)
+        return fingerprint(self._whole, settings, self._hollow)
 
     def areas_and_slack(self, bounded: bool) -> tuple[np.ndarray, float, np.ndarray]:
         """Area vectors of the points of the rank's cells, the largest change a body needed, and points that get slack.
@@ -84,7 +87,7 @@ class Boundaries:
         return areas[cells], change, np.repeat(slack[cells, None], 8, axis=1)
 
 
-def fingerprint(discretization: Discretization, settings: str) -> str:
+def fingerprint(discretization: Discretization, settings: str, hollow: bool = False) -> str:
     """Hexadecimal name of a fit: everything it depends on. The units of stress and length are not among it."""
     mesh, chosen = discretization.mesh, discretization.has_points
     digest = hashlib.sha256(f"{settings} {discretization.cutoff!r}".encode())
@@ -96,6 +99,9 @@ def fingerprint(discretization: Discretization, settings: str) -> str:
     digest.update(np.ascontiguousarray(discretization.nodes[mesh.cells[chosen]]).tobytes())
     digest.update(np.ascontiguousarray(mesh.cells[chosen], np.int64).tobytes())
     digest.update(np.ascontiguousarray(_beside_others(discretization)).tobytes())
+    if hollow:
+        cells, sides = mesh.boundary
+        digest.update(b"bonds inside" + discretization.nodes[mesh.cells[cells[:, None], FACES[sides]]].tobytes())
     return digest.hexdigest()
 
 

@@ -74,12 +74,12 @@ class FoundRegion:
         Cells with one within the reach that could be turned and is not.
     at_the_end : bool, shape (n_cells,)
         Cells with one within the reach that can never be turned.
-    cracked : bool, shape (n_cells,)
-        Cells with bonds that initial cracks cut.
     around : Subdomain
         The share with points in every cell: free ones where its points are free, others that follow nodes.
     left : int
         Cells of the body that could still be turned.
+    elements : Discretization or None
+        On one rank, whose mesh is the whole one: the body before any cell was turned.
     """
 
     turned: np.ndarray
@@ -88,14 +88,14 @@ class FoundRegion:
     can_turn: np.ndarray
     too_near: np.ndarray
     at_the_end: np.ndarray
-    cracked: np.ndarray
     around: Subdomain
     left: int
+    elements: Discretization | None = None
 
     def part(self, mesh: MeshPart, places: Subdomain) -> FoundRegion:
         """The rows of a part of the mesh, and its places."""
         here = mesh.cell_id
-        names = ("is_turned", "is_held", "can_turn", "too_near", "at_the_end", "cracked")
+        names = ("is_turned", "is_held", "can_turn", "too_near", "at_the_end")
         return replace(self, around=places, **{name: getattr(self, name)[here] for name in names})
 
 
@@ -107,13 +107,15 @@ class WholeRegion:
     rows: FoundRegion
 
 
-def turn(scene: Scene, elements: Discretization, turning: Turning | None) -> WholeRegion:
+def turn(scene: Scene, elements: Discretization, turning: Turning | None, alone: bool = False) -> WholeRegion:
     """Turn cells of a body that has elements everywhere.
 
     Parameters
     ----------
     turning : Turning or None
         None: no cell.
+    alone : bool
+        There is one rank, which keeps the body as it is now.
 
     Raises
     ------
@@ -129,11 +131,10 @@ def turn(scene: Scene, elements: Discretization, turning: Turning | None) -> Who
             "finer mesh, or hold and load less."
         ])  # fmt: skip
     length = elements.units.length
-    cracked = near_cracks(scene, mesh, elements.cutoff * length)
     is_turned = np.zeros(len(mesh.cells), bool)
     if turning is not None:
         is_turned[turning.turned] = True
-        is_turned |= can_turn & _chosen(scene, elements, turning, cracked)
+        is_turned |= can_turn & _chosen(scene, elements, turning)
     bonds = is_turned
     for _ in range(settings.buffer_layers if is_turned.any() else 0):
         bonds = mesh.neighbours(bonds)
@@ -147,9 +148,9 @@ def turn(scene: Scene, elements: Discretization, turning: Turning | None) -> Who
         can_turn=can_turn,
         too_near=_within(mesh.centroids, can_turn & ~is_turned, reach),
         at_the_end=_within(mesh.centroids, ~can_turn, reach),
-        cracked=cracked,
         around=_NO_SUBDOMAIN,
         left=int(np.count_nonzero(can_turn & ~is_turned)),
+        elements=elements if alone else None,
     )
     return WholeRegion(whole, rows)
 
@@ -165,7 +166,7 @@ _NONE = np.empty(0, np.int64)
 _NO_SUBDOMAIN = Subdomain(*[_NONE] * 10)
 
 
-def _chosen(scene: Scene, elements: Discretization, turning: Turning, cracked: np.ndarray) -> np.ndarray:
+def _chosen(scene: Scene, elements: Discretization, turning: Turning) -> np.ndarray:
     """Cells near what the turning names; bool, shape (n_cells,)."""
     from scipy.spatial import cKDTree
 
@@ -174,6 +175,7 @@ def _chosen(scene: Scene, elements: Discretization, turning: Turning, cracked: n
     seeds[turning.near_cells] = True
     found = _within(mesh.centroids, seeds, turning.radius * length)
     if turning.cracks:
+        cracked = near_cracks(scene, mesh, elements.cutoff * length)
         found |= _within(mesh.centroids, cracked, scene.adaptive.reach * length)
     if turning.near_places is not None and len(turning.near_places):
         bound = turning.place_radius * (1.0 + DISTANCE_TOLERANCE)

@@ -22,7 +22,6 @@ from pdfem_mpi.body.found_region import FoundRegion, Turning, WholeRegion, cut_a
 from pdfem_mpi.body.locating import Weights
 from pdfem_mpi.body.materials import MaterialTable
 from pdfem_mpi.body.model_units import ModelUnits
-from pdfem_mpi.body.narrow_gaps import describe_narrow_gaps
 from pdfem_mpi.body.overlap import describe_cracked_overlap
 from pdfem_mpi.body.probing import place_probes
 from pdfem_mpi.body.selection import Selections, select_places
@@ -36,6 +35,7 @@ from pdfem_mpi.body.subdomain import (
     partition,
     split_nodes,
 )
+from pdfem_mpi.body.surface import surface_near
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.mesh.doubled import doubled_faces
 from pdfem_mpi.mesh.hexmesh import HexMesh
@@ -86,8 +86,8 @@ class Share:
         Guarded cutoff radius in model units; 0 without peridynamics.
     mirrors, reflections : Mirrors, two float64 arrays of shape (n, 3)
         Mirror planes; signs and shifts of reflections that bring an image within the cutoff radius of the body.
-    doubled : float64, shape (n, 4, 3)
-        Faces of the whole mesh that are a crack by their doubled nodes, model units.
+    doubled, surface : float64, shape (n, 4, 3)
+        Faces of the whole mesh that are a crack by their doubled nodes, and those of `surface_near`; model units.
     counts, typical_edge : Counts, float
         Sizes of the body; edge of cells taken as cubes, the median over the body, model units.
     joint_regions, overlap_regions : int64
@@ -126,6 +126,7 @@ class Share:
     mirrors: Mirrors
     reflections: tuple[np.ndarray, np.ndarray]
     doubled: np.ndarray
+    surface: np.ndarray
     counts: Counts
     typical_edge: float
     joint_regions: np.ndarray
@@ -208,12 +209,18 @@ class Share:
         )
 
 
-def share_of(scene: Scene, comm: Intracomm, mesh: HexMesh | None = None, turning: Turning | None = None) -> Share:
+def share_of(
+    scene: Scene,
+    comm: Intracomm,
+    mesh: HexMesh | None = None,
+    turning: Turning | None = None,
+    before: Share | None = None,
+) -> Share:
     """This rank's share of a scene's body, see `discretize`, with cells that are turned, see `turn`. Collective."""
-    whole = discretize(scene, mesh, comm)
+    whole = (before and before.found.elements) or discretize(scene, mesh, comm)
     if not scene.is_adaptive:
         return make_share(scene, whole, comm)
-    region = turn(scene, whole, turning)
+    region = turn(scene, whole, turning, comm.size == 1)
     return make_share(scene, region.whole, comm, region)
 
 
@@ -262,13 +269,13 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm, region: Who
         cutoff=whole.cutoff,
         mirrors=whole.mirrors,
         reflections=whole.reflections,
-        doubled=_doubled(scene, whole),
+        **_faces(scene, whole, owner == comm.rank, region is not None),
         counts=count(whole),
         typical_edge=_typical_edge(whole),
         joint_regions=np.unique(whole.region[whole.is_peridynamic & whole.is_overlap]),
         overlap_regions=np.unique(whole.region[whole.is_overlap]),
         quality=whole.quality,
-        notes=(*whole.notes, *describe_narrow_gaps(scene, whole)),
+        notes=whole.notes,
         crack_notes=tuple(describe_cracked_overlap(scene, whole)),
         mesh_sha256=broadcast(comm, whole.mesh.sha256() if comm.rank == 0 else None),
         body_sha256=broadcast(comm, whole.sha256() if comm.rank == 0 else None),
@@ -279,11 +286,12 @@ def make_share(scene: Scene, whole: Discretization, comm: Intracomm, region: Who
     )
 
 
-def _doubled(scene: Scene, whole: Discretization) -> np.ndarray:
-    """Faces at one place, where the deck keeps them as a crack, model units; float64, shape (n, 4, 3)."""
-    if getattr(scene.mesh, "doubled_nodes", "refuse") == "refuse":
-        return np.empty((0, 4, 3))
-    return (doubled_faces(whole.mesh)[0] - whole.units.origin) / whole.units.length
+def _faces(scene: Scene, whole: Discretization, mine: np.ndarray, turnable: bool) -> dict[str, np.ndarray]:
+    """Faces at one place, where the deck keeps them as a crack, and the surface near some cells, bool (n_cells,)."""
+    doubled = np.empty((0, 4, 3))
+    if getattr(scene.mesh, "doubled_nodes", "refuse") == "crack":
+        doubled = (doubled_faces(whole.mesh)[0] - whole.units.origin) / whole.units.length
+    return {"doubled": doubled, "surface": surface_near(scene, whole, mine, turnable)}
 
 
 def _typical_edge(whole: Discretization) -> float:

@@ -43,11 +43,13 @@ class BondLaw:
     energy_of_bonds : float, dimension force / length
         Of it, that of the bonds; the rest is that of the dilatation beside them, 0 at a Poisson's ratio of 1/4.
     shape : Shape or None
-        None where they are brittle.
+        Of the branch, with what the lattice makes of the deck's; None where they are brittle.
     longest : float, dimension length
         The internal length beyond which they would be brittle; infinity where they are.
     strength : float, dimension force / length^2
         Of the body.
+    planes : float, dimension 1
+        Energy of planes of the lattice, over that of the bulk, that the branch makes up for; 1 where they are brittle.
     """
 
     first: float
@@ -58,10 +60,17 @@ class BondLaw:
     shape: Shape | None
     longest: float
     strength: float
+    planes: float = 1.0
 
 
-def law_of(material: Material, internal_length: float, cutoff_ratio: float, tooth_ratio: float) -> BondLaw | None:
+def law_of(
+    material: Material, internal_length: float, cutoff_ratio: float, tooth_ratio: float, planes: float = 1.0
+) -> BondLaw | None:
     """The law of a material's bonds; None without failure.
+
+    Where planes of the lattice take another energy than the bulk's formula has, cracks transmit as much less at every
+    opening. So the forces of the branch are raised until planes have the deck's energy in the mean. The first stretch
+    stays, because uniform bodies are as strong as they should be.
 
     Parameters
     ----------
@@ -69,6 +78,8 @@ def law_of(material: Material, internal_length: float, cutoff_ratio: float, toot
     cutoff_ratio : float
         ``r_c / l``.
     tooth_ratio : float
+    planes : float, dimension 1
+        `lattice_planes.energy_of_planes`.
 
     Raises
     ------
@@ -84,8 +95,8 @@ def law_of(material: Material, internal_length: float, cutoff_ratio: float, toot
         whole = material.energy_at_failure(stretch, internal_length, cutoff_ratio)
         return BondLaw(stretch, stretch, brittle(stretch), whole, unit * stretch**2, None, np.inf, strength)
     strength, energy, shape = _properties(material, unit, internal_length, cutoff_ratio)
-    first = strength / material.youngs_modulus
-    lacks = material.lacking
+    first, lacks, unit = strength / material.youngs_modulus, material.lacking, unit * planes
+    shape = shape.raised(1.0 / planes)
     longest = internal_length * energy / (unit * first**2 * _least_energy(shape, lacks, cutoff_ratio))
     ratio = _ratio(shape, energy / (unit * first**2), lacks, cutoff_ratio)
     if ratio > LEAST_RATIO and (shape.drop == 1.0 or lacks < 0.0):
@@ -98,7 +109,7 @@ def law_of(material: Material, internal_length: float, cutoff_ratio: float, toot
         )
     teeth = make_teeth(shape.branch(ratio), tooth_ratio, first)
     of_bonds = unit * teeth.energy if lacks else energy
-    return BondLaw(first, ratio * first, teeth, energy, of_bonds, shape, longest, strength)
+    return BondLaw(first, ratio * first, teeth, energy, of_bonds, shape, longest, strength, planes)
 
 
 def _ratio(shape: Shape, energy: float, lacks: float, cutoff_ratio: float) -> float:
@@ -170,8 +181,8 @@ def tooth_ratio_of(scene: Scene) -> float:
     return scene.stepping.tooth_ratio or TOOTH_RATIO
 
 
-def laws_of_materials(scene: Scene, internal_length: float, cutoff_ratio: float) -> dict[str, BondLaw]:
-    """The law of each material that can fail, by name.
+def laws_of_materials(scene: Scene, internal_length: float, cutoff_ratio: float, planes: float) -> dict[str, BondLaw]:
+    """The law of each material that can fail, by name; see `law_of`.
 
     Raises
     ------
@@ -181,7 +192,7 @@ def laws_of_materials(scene: Scene, internal_length: float, cutoff_ratio: float)
     laws, messages = {}, []
     for name, material in materials_of(scene).items():
         try:
-            law = law_of(material, internal_length, cutoff_ratio, tooth_ratio_of(scene))
+            law = law_of(material, internal_length, cutoff_ratio, tooth_ratio_of(scene), planes)
         except ValueError as error:
             of = "" if len(scene.materials) == 0 else f" of {name}"
             messages.append(f"peridynamics.internal_length = {internal_length:.6g} {error}{of}.")
@@ -193,7 +204,9 @@ def laws_of_materials(scene: Scene, internal_length: float, cutoff_ratio: float)
     return laws
 
 
-def laws_of_bonds(scene: Scene, internal_length: float, cutoff_ratio: float) -> tuple[list[BondLaw], np.ndarray]:
+def laws_of_bonds(
+    scene: Scene, internal_length: float, cutoff_ratio: float, planes: float
+) -> tuple[list[BondLaw], np.ndarray]:
     """The different laws, and which of them holds between materials a and b: that of the side that ends first.
 
     Returns
@@ -207,7 +220,7 @@ def laws_of_bonds(scene: Scene, internal_length: float, cutoff_ratio: float) -> 
     SceneError
         As `laws_of_materials`.
     """
-    laws_of_materials(scene, internal_length, cutoff_ratio)
+    laws_of_materials(scene, internal_length, cutoff_ratio, planes)
     table = bond_materials(scene)
     laws: list[BondLaw] = []
     known: dict[Material, int] = {}
@@ -220,7 +233,7 @@ def laws_of_bonds(scene: Scene, internal_length: float, cutoff_ratio: float) -> 
                     continue
                 if material not in known:
                     try:
-                        law = law_of(material, internal_length, cutoff_ratio, tooth_ratio_of(scene))
+                        law = law_of(material, internal_length, cutoff_ratio, tooth_ratio_of(scene), planes)
                     except ValueError as error:
                         text = f"peridynamics.internal_length = {internal_length:.6g} {error} across an interface."
                         raise SceneError([text]) from None
@@ -232,9 +245,9 @@ def laws_of_bonds(scene: Scene, internal_length: float, cutoff_ratio: float) -> 
     return laws, which
 
 
-def first_stretches(scene: Scene, internal_length: float, cutoff_ratio: float) -> np.ndarray:
+def first_stretches(scene: Scene, internal_length: float, cutoff_ratio: float, planes: float) -> np.ndarray:
     """Stretch at which the bonds between two materials soften or break, as `materials.bond_stretches`."""
     if not scene.softens:
         return bond_stretches(scene, internal_length, cutoff_ratio)
-    laws, which = laws_of_bonds(scene, internal_length, cutoff_ratio)
+    laws, which = laws_of_bonds(scene, internal_length, cutoff_ratio, planes)
     return np.append([law.first for law in laws], np.inf)[which]

@@ -23,6 +23,8 @@ DIRECTIONS = 200
 #: Strains, in units of s_t, among which the strength of a body is sought, and their number. With a drop it is reached
 #: at once; without, hardening ends within a tenth of the final stretch.
 LEAST_STRAIN, MOST_STRAIN, STRAINS = 0.99, 12.0, 240
+#: Force after a drop up to which a body is as strong as its bonds whatever follows, to a hundredth.
+MOST_DROP = 0.53
 #: Halvings of the bracket of the lateral contraction: to 4e-6 of the strain.
 HALVINGS = 20
 
@@ -109,6 +111,13 @@ class Shape:
         at, force = self.kink
         # energy = 1 + (drop + force)(at R - 1) + force (1 - at) R
         return (energy - 1.0 + self.drop + force) / ((self.drop + force) * at + force * (1.0 - at))
+
+    def raised(self, factor: float) -> Shape:
+        """The shape with forces after the drop so many times as large, up to a drop to `MOST_DROP`; a line as it is."""
+        if self.drop == 1.0:
+            return self
+        factor = min(factor, MOST_DROP / self.drop)
+        return Shape(self.drop * factor, None if self.kink is None else (self.kink[0], self.kink[1] * factor))
 
     @property
     def least_energy(self) -> float:

@@ -39,6 +39,7 @@ from pdfem_mpi.system.exit_codes import (
     EXIT_STOPPED,
     EXIT_USAGE,
 )
+from pdfem_mpi.system.garbage import keep_for_good, no_search_for_garbage
 from pdfem_mpi.system.process_limits import shared_memory_problem
 from pdfem_mpi.system.signals import Requests
 
@@ -150,9 +151,10 @@ def _run(deck, ranks, overrides, folder, overwrite, max_hours, ways) -> int:
     comm = start_world(ranks)
     requests.comm = comm
     scene = read_scene(deck, overrides, comm)
-    from pdfem_mpi.runs.restart_point import Refused, RunOptions
-    from pdfem_mpi.runs.run import run as run_scene
-
+    with no_search_for_garbage():
+        from pdfem_mpi.runs.restart_point import Refused, RunOptions
+        from pdfem_mpi.runs.run import run as run_scene
+    keep_for_good()
     try:
         ways = RunOptions(**ways, end=end, watched=True, requests=requests)
         return run_scene(scene, comm, folder, write_deck(scene), overwrite, ConsoleReporter(scene), ways)

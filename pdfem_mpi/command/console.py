@@ -11,9 +11,6 @@ from typing import Any
 
 import typer
 import typer.main
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from pdfem_mpi.command.outlook import Outlook, clock, fitted
 from pdfem_mpi.command.paint import RED, painted
@@ -151,6 +148,10 @@ def fail(messages: Iterable[str], rank: int) -> typer.Exit:
 
 def print_table(title: str, rows: Iterable[tuple[str, Any]]) -> None:
     """Print a table; titles, names and units of a deck are texts, whatever marks of a terminal they look like."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
     table = Table(title=Text(title), title_justify="left", show_header=False)
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import faulthandler
+import math
 import os
 import signal
 import sys
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pdfem_mpi.command.console import fail, print_problems
+from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import DeckError
 from pdfem_mpi.deck.toml import parse_deck, read_deck, read_text
@@ -21,7 +23,7 @@ def become_ranks(deck: Path, overrides: list[str], ranks: int | None) -> None:
     """Become a launcher of so many ranks, each of which comes here again; do nothing for one, or under a launcher."""
     if launch.launcher_variable() is None and ranks is not None and ranks > 1:
         try:
-            read_deck(deck, overrides)  # problems show before any rank starts
+            _refuse_ranks(read_deck(deck, overrides), deck, ranks)  # problems show before any rank starts
             plan = launch.plan_launch(ranks, sys.argv[1:])
             if not launch.is_open_mpi(plan.command[0]) and (problem := shared_memory_problem(ranks)):
                 raise launch.LaunchError(problem)
@@ -31,6 +33,20 @@ def become_ranks(deck: Path, overrides: list[str], ranks: int | None) -> None:
             raise fail(error.messages, 0) from None
         except launch.LaunchError as error:
             raise fail([f"pdfem: {error}"], 0) from None
+
+
+def _refuse_ranks(scene: Scene, deck: Path, ranks: int) -> None:
+    """Refuse more ranks than there are cells where the deck tells, before as many processes start.
+
+    Raises
+    ------
+    DeckError
+    """
+    if isinstance(scene.mesh, FileMesh) or ranks <= (most := math.prod(scene.mesh.n_cells)):
+        return  # of a file, or of a body with something taken out, the ranks find out
+    from pdfem_mpi.body.counts import too_many_ranks
+
+    raise DeckError([f"{deck}: {too_many_ranks(ranks, most)}"])
 
 
 def start_world(ranks: int | None) -> Any:

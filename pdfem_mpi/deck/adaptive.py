@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
-from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Interface, Material, all_materials
+from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Material, all_materials
 from pdfem_mpi.deck.meshes import Mesh
 from pdfem_mpi.deck.peridynamics import Coupling, Peridynamics
 from pdfem_mpi.deck.regions import Region
@@ -38,8 +38,9 @@ class Adaptive(Table):
         Layers of cells around them whose bonds may not fail.
     max_bonds : float, > 0, dimension 1
         A region with more of them ends the run.
-    widening_check : bool
+    widening_check : bool or "peak"
         At the first break, solve once more with a region that is three times as wide, and report what that changes.
+        "peak": again at each load of a next break that is 1 % above all those before.
     pilot : str or None
         Run folder of the same body on coarser cells: what is near its broken bonds is turned from the beginning.
     pilot_distance : float or None, > 0, dimension length
@@ -48,10 +49,10 @@ class Adaptive(Table):
 
     threshold: float | None = key(None, gt=0, lt=1, dimension="1")
     reach: float = key(1.5, ge=1, le=1000, dimension="1")
-    growth: float = key(6.0, ge=0, le=1000, dimension="1")
+    growth: float = key(4.0, ge=0, le=1000, dimension="1")
     buffer_layers: int = key(2, ge=1, le=10)
     max_bonds: float = key(1.0e9, gt=0, dimension="1")
-    widening_check: bool = key(True)
+    widening_check: bool | Literal["peak"] = key(True)
     pilot: str | None = key(None, min_length=1)
     pilot_distance: float | None = key(None, gt=0, dimension="length")
 
@@ -158,12 +159,9 @@ def check_auto_settings(
 
 
 def check_auto_materials(
-    regions: Sequence[Region],
-    material: Material,
-    materials: dict[str, Material],
-    interfaces: Sequence[Interface],
+    regions: Sequence[Region], material: Material, materials: dict[str, Material]
 ) -> list[Problem]:
-    """Cells can be turned where elements and bonds have the same Poisson's ratio, and bonds break at once."""
+    """Cells can be turned where elements and bonds have the same Poisson's ratio."""
     if not _has_auto(regions):
         return []
     tables = all_materials(material, materials)
@@ -175,11 +173,6 @@ def check_auto_materials(
         text = f'= {show(table.poissons_ratio)} is not {BOND_POISSONS_RATIO:g}, and cells of model = "auto" are turned '
         remedy = "where elements and bonds alone have the same. Use 0.25, or draw the regions yourself."
         problems.append(Problem(f"{where}.poissons_ratio", text + remedy))
-    softens = [*tables.values(), *((f"interfaces.{k}", interface) for k, interface in enumerate(interfaces))]
-    for where, table in softens:
-        if table.softens:
-            text = 'is of bonds that soften, and regions of model = "auto" do not carry what has softened through a'
-            problems.append(Problem(where, f"{text} switch yet. Give a critical_stretch or fracture_energy alone."))
     return problems
 
 

@@ -35,8 +35,8 @@ class Material(Table):
     tensile_strength : float or None, > 0, dimension force / length^2
         ``f_t``, with a fracture energy: bonds soften from the stretch ``f_t / E`` on, so that both are the material's.
     softening : "drop", "line" or None
-        The force falls to half of itself and from there on a straight line to 0; or on a line from its peak, for which
-        the strength is above that of the bonds. None (default): "drop" where a strength is given.
+        The force falls to about half and from there on a straight line to 0; or on a line from its peak, for which the
+        strength is above that of the bonds. None (default): "drop" where a strength is given.
     kink_stretch_ratio, kink_force_ratio : float or None, dimension 1
         With "drop": the line has a kink, at this fraction of the final stretch and this fraction of the peak force.
     traction_opening : pairs of floats or None, dimensions length and force / length^2

@@ -29,6 +29,11 @@ class _Modelled(Table):
             return []
         return [Problem("symmetry", f"= {show(self.symmetry)} names {' and '.join(twice)} twice. Name each face once.")]
 
+    @property
+    def may_have_hollows(self) -> bool:
+        """Whether a straight line between two places of the body may leave it."""
+        return True
+
 
 class _CubicCells(_Modelled):
     """A bounding box of cubic cells."""
@@ -94,6 +99,11 @@ class BoxMesh(_CubicCells):
     kind: Literal["box"] = key("box")
     remove: tuple[Removal, ...] = key(())
 
+    @property
+    def may_have_hollows(self) -> bool:
+        """Where cells are taken out."""
+        return bool(self.remove)
+
 
 class PlateWithHoleMesh(_CubicCells):
     """A plate with a circular hole along z at its centre (Fig. 13); ``[mesh]`` with ``kind = "plate_with_hole"``.
@@ -114,6 +124,11 @@ class PlateWithHoleMesh(_CubicCells):
 
     kind: Literal["plate_with_hole"] = key("plate_with_hole")
     hole_radius: float = key(gt=0, dimension="length", remedy="Give the radius of the hole, for example 0.4.")
+
+    @property
+    def may_have_hollows(self) -> bool:
+        """Bonds over the rim of the hole stay, as in the paper: there are some where it has few cells."""
+        return False
 
     def problems(self) -> list[Problem]:
         """Those of a box, and a hole that fits into it."""

@@ -217,7 +217,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[..., list[Problem]]], ...] = (
     (("cracks", "material", "materials", "interfaces", "temperature", "probes"), check_energy_release),
     (("regions", "adaptive"), check_auto_regions),
     (("regions", "peridynamics", "coupling", "mesh", "stepping", "solver", "temperature"), check_auto_settings),
-    (("regions", "material", "materials", "interfaces"), check_auto_materials),
+    (("regions", "material", "materials"), check_auto_materials),
     (("regions", "loads", "supports", "ties"), check_auto_references),
 )
 

@@ -106,7 +106,8 @@ class FieldMissing(AttributeError):
 class Table(BaseModel):
     """Base of all deck tables: frozen, unknown keys refused, no silent conversion, no nan or inf."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    # built when a deck is read: each table by itself as well would be twice the work
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 
     def __getattr__(self, name: str) -> Any:
         """Called for what is not there: a field of a table that was made without it, or a misspelt name."""

@@ -10,7 +10,7 @@ _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "
 
 
 @njit(**_options)
-def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite, material, scale, stiffening):
+def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite, stiffening):
     """Add each bond's share of the fictitious mass (eq. 11, with g_ij in it) to both points.
 
     Component d of a point receives ``1/2 c exp(-r0^2) g_ij w_i w_j |n_d| / r0`` from each of its bonds; the largest of
@@ -25,15 +25,12 @@ def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite, mater
     pattern : float
         ``M``; each term must stay below ``2**51`` quanta.
     finite : bool
-    material, scale : int16, shape (n_clusters,), float64, shape (n_materials, n_materials)
-        As in `dilatation_sweeps`.
     stiffening : float64, shape (n_clusters * 4,) or (0,)
-        ``h``: with a volumetric part bonds count ``1 + s r0 (h_i + h_j)`` times.
+        ``h``: with a volumetric part bonds count ``1 + r0 (h_i + h_j)`` times.
     """
     M = splat(pattern)
     one = splat(1.0)
     stiffens = stiffening.size > 0
-    several = scale.shape[0] > 1
     half = splat(0.5)
     stride = 2 * W if finite else W
     for i in range(row_start.size - 1):
@@ -55,8 +52,6 @@ def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite, mater
                 k = half * k * root(fma(dx, dx, fma(dy, dy, dz * dz)))
             if stiffens:
                 growth = root(fma(dx, dx, fma(dy, dy, dz * dz))) * (splat(stiffening[i]) + load(stiffening, b // 9))
-                if several:
-                    growth = growth * splat(scale[material[c], material[b // (9 * W)]])
                 k = k * (one + growth)
             px = fma(k, dx, M)
             py = fma(k, dy, M)
@@ -73,15 +68,13 @@ def add_densities(row_start, row_offset, row_data, S, SI, pattern, finite, mater
 
 
 @njit(**_options)
-def add_family_sums(row_start, row_offset, row_data, S, SI, pattern, finite, material, scale):
-    """Add ``s k`` and ``s^2 k r0`` of each bond to both of its points, in rows 6 and 7.
+def add_family_sums(row_start, row_offset, row_data, S, SI, pattern, finite):
+    """Add ``k`` and ``k r0`` of each bond to both of its points, in rows 6 and 7.
 
     ``k = c exp(-r0^2) g_ij w_i w_j``; of bonds of negative stiffness the magnitude counts. Parameters are those of
     `add_densities`.
     """
     M = splat(pattern)
-    one = splat(1.0)
-    several = scale.shape[0] > 1
     stride = 2 * W if finite else W
     for i in range(row_start.size - 1):
         c = i // W
@@ -99,9 +92,8 @@ def add_family_sums(row_start, row_offset, row_data, S, SI, pattern, finite, mat
             prefetch(row_data, row * stride + AHEAD)
             k = magnitude(load(row_data, row * stride)) * r
             k = k + k if finite else k * square
-            s = splat(scale[material[c], material[b // (9 * W)]]) if several else one
-            p = fma(k, s, M)
-            q = fma(k * r, s * s, M)
+            p = k + M
+            q = k * r + M
             first = iadd(first, p)
             second = iadd(second, q)
             third = iadd(third, M)
@@ -115,8 +107,7 @@ def add_family_sums(row_start, row_offset, row_data, S, SI, pattern, finite, mat
 
 _f8, _i8, _real, _flag = types.float64[::1], types.int64[::1], types.float64, types.boolean
 _rows = (_i8, types.uint32[::1], types.float32[::1])
-_materials = (types.int16[::1], types.float64[:, ::1])
 SIGNATURES = {
-    add_densities: types.void(*_rows, _f8, _i8, _real, _flag, *_materials, _f8),
-    add_family_sums: types.void(*_rows, _f8, _i8, _real, _flag, *_materials),
+    add_densities: types.void(*_rows, _f8, _i8, _real, _flag, _f8),
+    add_family_sums: types.void(*_rows, _f8, _i8, _real, _flag),
 }

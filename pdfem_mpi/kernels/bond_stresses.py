@@ -23,9 +23,7 @@ GRADIENTS = 15
 
 
 @njit(**_options)
-def add_stresses(
-    row_start, row_offset, row_data, S, expansion, Q, material, scale, finite, weights, quanta, sums, top
-):  # fmt: skip
+def add_stresses(row_start, row_offset, row_data, S, expansion, Q, finite, weights, quanta, sums, top):
     """Add ``f (x) y`` and the energy of every bond to both of its points; ``y`` is the bond as it is now.
 
     ``f y = 2 K phi y y`` in finite kinematics, ``K' (eta . xi) xi xi`` in linear ones: symmetric. Half of it, over the
@@ -40,7 +38,7 @@ def add_stresses(
         The point table of the sweeps.
     expansion : float64, shape (n_clusters * 4,) or (0,), dimension 1
         Thermal strain of the points: a bond is stretched by what is beyond the mean of its ends. Linear kinematics.
-    Q, material, scale
+    Q
         As in `volumetric_sweeps`; without a volumetric part ``Q`` is empty.
     finite : bool
     weights : float32, shape ((n_rows + 1) * 8,) or (0,)
@@ -79,8 +77,6 @@ def add_stresses(
                     if weights.size:
                         slot = 2 * W * row + lane
                         common = weights[slot] * Q[i] + weights[slot + W] * Q[W * other + lane]
-                    if scale.shape[0] > 1:
-                        common *= scale[material[c], material[other]]
                 if finite:
                     e = work * np.float64(row_data[row * stride + W + lane])
                     square = max(1.0 + e, SMALLEST_SQUARE)
@@ -111,7 +107,7 @@ def add_stresses(
 
 
 @njit(**_options)
-def add_thermal_forces(row_start, row_offset, row_data, x, expansion, Q, material, scale, weights, quanta, sums, top):
+def add_thermal_forces(row_start, row_offset, row_data, x, expansion, Q, weights, quanta, sums, top):
     """Add ``-K' |xi|^2 (theta + Q_i + Q_j) xi`` of every bond to its point i and take it from j: linear kinematics.
 
     Parameters
@@ -122,7 +118,7 @@ def add_thermal_forces(row_start, row_offset, row_data, x, expansion, Q, materia
         Positions in cluster layout.
     expansion : float64, shape (n_clusters * 4,), dimension 1
         Thermal strain of the points; ``theta`` is the mean of a bond's ends.
-    Q, material, scale
+    Q
         As in `volumetric_sweeps`, of dilatations by the thermal strain; without a volumetric part ``Q`` is empty.
     weights : float32, shape ((n_rows + 1) * 8,) or (0,)
         Fitted weights of the slots, as in `dilatation_sweeps`.
@@ -155,8 +151,6 @@ def add_thermal_forces(row_start, row_offset, row_data, x, expansion, Q, materia
                     if weights.size:
                         slot = 2 * W * row + lane
                         common = weights[slot] * Q[i] + weights[slot + W] * Q[W * other + lane]
-                    if scale.shape[0] > 1:
-                        common *= scale[material[i // W], material[other]]
                     strain += common
                 strength *= strain * square
                 for d in range(3):
@@ -169,10 +163,8 @@ def add_thermal_forces(row_start, row_offset, row_data, x, expansion, Q, materia
 
 
 @njit(**_options)
-def add_thermal_dilatations(
-    row_start, row_offset, row_data, x, expansion, material, scale, weights, quanta, sums, top
-):  # fmt: skip
-    """Add ``s K' theta |xi|^4`` of every bond to both of its points: the terms ``s k e`` of `dilatation_sweeps`.
+def add_thermal_dilatations(row_start, row_offset, row_data, x, expansion, weights, quanta, sums, top):
+    """Add ``K' theta |xi|^4`` of every bond to both of its points: the terms ``k e`` of `dilatation_sweeps`.
 
     Parameters are those of `add_thermal_forces`; ``sums`` has the shape (n_clusters * 4,).
     """
@@ -191,8 +183,6 @@ def add_thermal_dilatations(
                     along = x[3 * W * other + lane + W * d] - x[own + W * d]
                     square += along * along
                 strength *= 0.5 * (expansion[i] + expansion[W * other + lane]) * square * square
-                if scale.shape[0] > 1:
-                    strength *= scale[material[i // W], material[other]]
                 here, there = strength, strength
                 if weights.size:
                     here *= weights[2 * W * row + lane]
@@ -270,10 +260,9 @@ def add_gradients(row_start, row_offset, row_data, S, x, volume, cell_number, fi
 _f8, _i8 = types.float64[::1], types.int64[::1]
 _f4 = types.float32[::1]
 _rows = _i8, types.uint32[::1], _f4
-_of_materials = types.int16[::1], types.float64[:, ::1]
 SIGNATURES = {
-    add_stresses: types.void(*_rows, _f8, _f8, _f8, *_of_materials, types.boolean, _f4, _f8, _i8, _f8),
-    add_thermal_forces: types.void(*_rows, _f8, _f8, _f8, *_of_materials, _f4, _f8, _i8, _f8),
-    add_thermal_dilatations: types.void(*_rows, _f8, _f8, *_of_materials, _f4, _f8, _i8, _f8),
+    add_stresses: types.void(*_rows, _f8, _f8, _f8, types.boolean, _f4, _f8, _i8, _f8),
+    add_thermal_forces: types.void(*_rows, _f8, _f8, _f8, _f4, _f8, _i8, _f8),
+    add_thermal_dilatations: types.void(*_rows, _f8, _f8, _f4, _f8, _i8, _f8),
     add_gradients: types.void(*_rows, _f8, _f8, _f8, _i8, types.boolean, _f8, _i8, _f8),
 }

@@ -2,15 +2,15 @@
 
 The volumetric part of the energy is ``1/2 sum_i M_i w_i theta_i^2`` with ``w_i theta_i = sum_j A_ij e_ij``, ``e_ij``
 the extension of a bond and ``A_ij = k_ij / (10 mu_ij)``, ``k_ij = c exp(-r0^2) g_ij w_i w_j``
-(`peridynamics.volumetric`). The sweeps here add ``s k_ij e_ij`` to both points of every bond, from the numbers that
+(`peridynamics.volumetric`). The sweeps here add ``k_ij e_ij`` to both points of every bond, from the numbers that
 bonds store anyway::
 
     linear          k e = K' r0^2 (eta . xi)
     finite          k e = 2 K (eta . d) / (1 + (1 + e)^(1/2))
     its change      2 K (1 - phi) (y . v),    (1 - phi) = r0 / |y|
 
-``e`` in the last two is the number of `bond_sweeps`, and ``s`` compares the shear moduli of several materials. Terms
-are rounded to multiples of a quantum and added as integers, as forces are: the sums have the same bits in any order.
+``e`` in the last two is the number of `bond_sweeps`. Terms are rounded to multiples of a quantum and added as integers,
+as forces are: the sums have the same bits in any order.
 
 Bonds break here, before the forces are swept: a broken bond has no part in the dilatation of its points any more, and
 what it gave is taken back exactly.
@@ -108,10 +108,10 @@ def _linear_sweep(failing, weighted):
 
     @njit(**_options)
     def add_dilatations(
-        first, last, row_start, row_offset, row_data, S, D, DI, pattern, material, scale, weights, extremes,
+        first, last, row_start, row_offset, row_data, S, D, DI, pattern, weights, extremes,
         class_of, trigger, critical, pairs, strengths, counter,
     ):  # fmt: skip
-        """Add ``s k e`` of the bonds of the rows of points ``first:last`` to both of their points.
+        """Add ``k e`` of the bonds of the rows of points ``first:last`` to both of their points.
 
         Parameters
         ----------
@@ -121,9 +121,6 @@ def _linear_sweep(failing, weighted):
             The sums, of both views; added to.
         pattern : float
             ``M`` of the quantum.
-        material : int16, shape (n_clusters,)
-        scale : float64, shape (n_materials, n_materials)
-            ``s`` by the materials of the two points; of shape (1, 1) where it is 1 throughout.
         weights : float32, shape ((n_rows + 1) * 8,) or (0,)
             Fitted weights of each slot in the dilatation of the row's point, and of the slot's; read where weighted.
         extremes : float64, shape (2,)
@@ -137,9 +134,7 @@ def _linear_sweep(failing, weighted):
             The point to go on with.
         """
         zero = splat(0.0)
-        one = splat(1.0)
         M = splat(pattern)
-        several = scale.shape[0] > 1
         peak = splat(extremes[0])
         count = counter[0]
         after = last
@@ -177,8 +172,6 @@ def _linear_sweep(failing, weighted):
                 peak = largest(magnitude(f), peak)
                 if failing:
                     excess = largest(fnma(limit, k * square, f), excess)
-                if several:
-                    square = square * splat(scale[material[c], material[b // u8(9 * W)]])
                 if weighted:
                     f = f * square
                     total = iadd(total, fma(f, load(weights, o), M))
@@ -203,8 +196,7 @@ def _linear_sweep(failing, weighted):
                     broken = above(fnma(splat(critical[class_of[c], class_of[cluster]]), k * square, f), zero)
                     if lanes(broken) == 0:
                         continue
-                    weight = splat(scale[material[c], material[cluster]]) if several else one
-                    p = isub(fma(both(f, broken), square * weight, M), M)
+                    p = isub(fma(both(f, broken), square, M), M)
                     total = isub(total, p)
                     store(D, b // _NINE, isub(load(D, b // _NINE), p))
                     for lane in range(W):
@@ -227,19 +219,17 @@ def _finite_sweep(closed, failing, weighted):
 
     @njit(**_options)
     def add_dilatations(
-        first, last, row_start, row_offset, row_data, S, D, DI, table, material, scale, weights, extremes,
+        first, last, row_start, row_offset, row_data, S, D, DI, table, weights, extremes,
         class_of, trigger, critical, pairs, strengths, counter,
     ):  # fmt: skip
-        """Add ``s k e`` of the bonds of the rows of points ``first:last`` to both of their points.
+        """Add ``k e`` of the bonds of the rows of points ``first:last`` to both of their points.
 
         Parameters and result are those of the linear sweep, with ``table`` from `constants` in place of the pattern,
         limits of ``e``, and ``extremes`` the largest and smallest ``e`` of intact bonds.
         """
         zero = splat(0.0)
-        one = splat(1.0)
         numbers = _lengthening_numbers(table)
         M = held(table[V5])
-        several = scale.shape[0] > 1
         peak = splat(extremes[0])
         floor = splat(extremes[1])
         count = counter[0]
@@ -276,8 +266,6 @@ def _finite_sweep(closed, failing, weighted):
                 floor = smallest(e, floor)
                 k = load(row_data, o)
                 k = k + k
-                if several:
-                    k = k * splat(scale[material[c], material[b // u8(9 * W)]])
                 h = lengthening_in_closed_form(e, numbers) if closed else lengthening_by_series(e, numbers)
                 if weighted:
                     h = (k * work) * h
@@ -305,7 +293,7 @@ def _finite_sweep(closed, failing, weighted):
                         top = largest(e, top)
                         continue
                     k = load(row_data, o)
-                    k = (k + k) * (splat(scale[material[c], material[cluster]]) if several else one)
+                    k = k + k
                     h = lengthening_in_closed_form(e, numbers) if closed else lengthening_by_series(e, numbers)
                     p = isub(fma(both(k * work, broken), h, M), M)
                     total = isub(total, p)
@@ -335,15 +323,14 @@ def _changes(closed, weighted):
 
     @njit(**_options)
     def add_dilatation_changes(
-        first, last, row_start, row_offset, row_data, S, D, DI, table, material, scale, weights, extremes
+        first, last, row_start, row_offset, row_data, S, D, DI, table, weights, extremes
     ):  # fmt: skip
-        """Add the change of ``s k e`` for a small change ``v`` of the displacements, to both points of every bond.
+        """Add the change of ``k e`` for a small change ``v`` of the displacements, to both points of every bond.
 
         Parameters are those of the sweeps of the dilatations, with ``v`` in rows 0-2 of the table, deformed positions
         in rows 3-5, and ``extremes[0]`` the largest change met, dimension force length.
         """
         zero = splat(0.0)
-        several = scale.shape[0] > 1
         numbers = numbers_of(table)
         M = held(table[V5])
         one = held(table[V6])
@@ -375,8 +362,6 @@ def _changes(closed, weighted):
                 k = load(row_data, o)
                 k = k + k
                 along = fma(load(S, b) - ux, yx, fma(load(S, b + V1) - uy, yy, (load(S, b + V2) - uz) * yz))
-                if several:
-                    k = k * splat(scale[material[c], material[b // u8(9 * W)]])
                 along = k * (one - phi) * along
                 peak = largest(magnitude(along), peak)
                 if weighted:
@@ -427,13 +412,13 @@ CHANGES = {
     (False, True): add_dilatation_changes_closed_weighted,
 }
 
-_f8, _i8, _int, _i2 = types.float64[::1], types.int64[::1], types.int64, types.int16[::1]
+_f8, _i8, _int = types.float64[::1], types.int64[::1], types.int64
 _table = types.float64[:, ::1]
 _rows = (_i8, types.uint32[::1], types.float32[::1])
 _failing = (types.uint8[::1], _f8, _table, types.int64[:, ::1], types.float32[:, ::1], _i8)
 _weights = types.float32[::1]
-_linear = _int(_int, _int, *_rows, _f8, _f8, _i8, types.float64, _i2, _table, _weights, _f8, *_failing)
-_finite = _int(_int, _int, *_rows, _f8, _f8, _i8, _f8, _i2, _table, _weights, _f8, *_failing)
-_change = _int(_int, _int, *_rows, _f8, _f8, _i8, _f8, _i2, _table, _weights, _f8)
+_linear = _int(_int, _int, *_rows, _f8, _f8, _i8, types.float64, _weights, _f8, *_failing)
+_finite = _int(_int, _int, *_rows, _f8, _f8, _i8, _f8, _weights, _f8, *_failing)
+_change = _int(_int, _int, *_rows, _f8, _f8, _i8, _f8, _weights, _f8)
 SIGNATURES = {sweep: _finite if finite else _linear for (finite, _, _, _), sweep in SWEEPS.items()}
 SIGNATURES |= dict.fromkeys(CHANGES.values(), _change)

@@ -59,8 +59,8 @@ def make_pressures(D, DI, n_owned, quantum, material, factor, volume):
 
 
 @njit(**_options)
-def listed_terms(pairs, strengths, S, finite, material, scale):
-    """``s k e`` of listed bonds at the displacements of the table, which need not stand in the rows any more.
+def listed_terms(pairs, strengths, S, finite):
+    """``k e`` of listed bonds at the displacements of the table, which need not stand in the rows any more.
 
     Parameters
     ----------
@@ -68,8 +68,6 @@ def listed_terms(pairs, strengths, S, finite, material, scale):
         Local points, and stored numbers.
     S : float64, shape (n_clusters * 36,)
     finite : bool
-    material, scale
-        As in the sweeps.
 
     Returns
     -------
@@ -78,9 +76,8 @@ def listed_terms(pairs, strengths, S, finite, material, scale):
     """
     terms = np.empty(pairs.shape[0])
     for t in range(pairs.shape[0]):
-        one, two = pairs[t, 0] // W, pairs[t, 1] // W
-        i = 36 * one + pairs[t, 0] % W
-        j = 36 * two + pairs[t, 1] % W
+        i = 36 * (pairs[t, 0] // W) + pairs[t, 0] % W
+        j = 36 * (pairs[t, 1] // W) + pairs[t, 1] % W
         x, y, z = S[j + 3 * W] - S[i + 3 * W], S[j + 4 * W] - S[i + 4 * W], S[j + 5 * W] - S[i + 5 * W]
         work = (S[j] - S[i]) * x + (S[j + W] - S[i + W]) * y + (S[j + 2 * W] - S[i + 2 * W]) * z
         k = np.float64(strengths[t, 0])
@@ -88,15 +85,12 @@ def listed_terms(pairs, strengths, S, finite, material, scale):
             terms[t] = 2.0 * k * work / (1.0 + math.sqrt(max(1.0 + work * np.float64(strengths[t, 1]), 0.0)))
         else:
             terms[t] = k * work * (x * x + y * y + z * z)
-        if scale.shape[0] > 1:
-            terms[t] *= scale[material[one], material[two]]
     return terms
 
 
 _f8, _i8, _int, _i2 = types.float64[::1], types.int64[::1], types.int64, types.int16[::1]
-_table = types.float64[:, ::1]
 SIGNATURES = {
     start_dilatations: types.void(_i8, types.int32[::1], types.int32[::1], _int),
-    listed_terms: _f8(types.int64[:, ::1], types.float32[:, ::1], _f8, types.boolean, _i2, _table),
+    listed_terms: _f8(types.int64[:, ::1], types.float32[:, ::1], _f8, types.boolean),
     make_pressures: types.float64(_f8, _i8, _int, types.float64, _i2, _f8, _f8),
 }

@@ -2,108 +2,344 @@
 
 Displacements stand at the eight points of every cell, interpolated where there are elements. Each number is a largest
 of terms that depend on two points alone: the same bits in any order, and on any number of ranks.
+
+Few cells are worth the search of their bonds. How far a cell is strained is told from its nodes, or from its own eight
+points, and a bond's stretch is a mean of the strain along it.
 """
 
+import math
 
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.gap_cuts import passes_through
-from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.kernels.gap_cuts import leaves
+from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
+from pdfem_mpi.kernels.simd import W, above, fma, lanes, load, splat
+
+#: Rows of a cluster in the table: displacements, and positions.
+ROWS = 6
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
 
 @njit(**_options)
-def _stretch(S, i, j, cutoff2):
-    """Stretch of the bond from point ``i`` to ``j`` in linear kinematics; 0 beyond the cutoff radius."""
-    a = 9 * W * (i // W) + i % W
-    b = 9 * W * (j // W) + j % W
-    square, work = 0.0, 0.0
-    for d in range(3):
-        xi = S[b + W * (3 + d)] - S[a + W * (3 + d)]
-        square += xi * xi
-        work += xi * (S[b + W * d] - S[a + W * d])
-    if square > cutoff2 or square == 0.0:
-        return 0.0
-    return work / square
-
-
-@njit(**_options)
-def within_cells(S, class_of, inverse, cutoff2, ratio):
-    """Largest stretch over its limit between two points of each cell.
-
-    Parameters
-    ----------
-    S : float64, shape (n_cells * 72,)
-        Two clusters a cell: displacements in rows 0-2 and positions in rows 3-5 of nine.
-    class_of : int64, shape (n_cells,)
-    inverse : float64, shape (n_classes, n_classes)
-        One over the critical stretch; 0 where bonds do not break.
-    cutoff2 : float, dimension length^2
-    ratio : float64, shape (n_cells,)
-        Overwritten.
-    """
-    for cell in range(ratio.size):
-        top = 0.0
-        for p in range(8):
-            for q in range(p):
-                top = max(top, _stretch(S, 8 * cell + p, 8 * cell + q, cutoff2))
-        ratio[cell] = top * inverse[class_of[cell], class_of[cell]]
-
-
-@njit(**_options)
-def between_cells(cells, start, others, S, class_of, inverse, cutoff2, scale, removed, sums, ratio):
-    """Raise the ratio of some cells by the bonds of their points to those of other cells.
+def follow_nodes(cells, first, connectivity, u, S):
+    """Displace the points of some cells with their nodes (25).
 
     Parameters
     ----------
     cells : int64, shape (n,)
-    start, others : int64, shapes (n + 1,), (m,)
-        Cells that have points near those of each.
-    S, class_of, inverse, cutoff2
-        As of `within_cells`.
-    scale, removed, sums
-        What was taken out of the body, as of `gap_cuts.cut_gaps`; no bond passes through it. ``removed`` may be empty.
+        Cells from ``first`` on, whose nodes are the rows of ``connectivity``.
+    connectivity : int32, shape (n_following, 8)
+    u : float64, shape (n_nodes, 3), dimension length
+    S : float64, shape (n_cells * 48,)
+        Two clusters a cell: displacements in rows 0-2, which are overwritten, and positions in rows 3-5 of six.
+    """
+    for cell in cells:
+        nodes = connectivity[cell - first]
+        for c in range(3):
+            origin = u[nodes[0], c]
+            for p in range(8):
+                moved = 0.0
+                for a in range(1, 8):
+                    moved += SHAPE_AT_GAUSS[p, a] * (u[nodes[a], c] - origin)
+                S[ROWS * W * (2 * cell + p // W) + W * c + p % W] = origin + moved
+
+
+@njit(**_options)
+def strains_by_nodes(connectivity, inverse, u, enough, strain):
+    """Bound the largest principal strain in cells that follow nodes.
+
+    Parameters
+    ----------
+    connectivity : int32, shape (n, 8)
+    inverse : float64, shape (n, 3, 3), dimension length^-1
+        ``d r_k / d x_d`` in the middle of each cell, indices k and d.
+    u : float64, shape (n_nodes, 3), dimension length
+    enough : float, dimension 1
+        Below this a rough bound will do.
+    strain : float64, shape (n,), dimension 1
+        Overwritten.
+    """
+    moved = np.empty((8, 3))
+    for cell in range(strain.size):
+        for a in range(8):
+            for c in range(3):
+                moved[a, c] = u[connectivity[cell, a], c]
+        strain[cell] = _largest_strain(moved, inverse[cell], 1.0, enough)
+
+
+@njit(**_options)
+def strains_by_points(S, inverse, enough, strain):
+    """Bound the largest principal strain in the first cells, from their points; ``S`` as of `follow_nodes`."""
+    moved = np.empty((8, 3))
+    for cell in range(strain.size):
+        for a in range(8):
+            p = a ^ (a >> 1 & 1)  # nodes go around a face, points row by row
+            for c in range(3):
+                moved[a, c] = S[ROWS * W * (2 * cell + p // W) + W * c + p % W]
+        strain[cell] = _largest_strain(moved, inverse[cell], math.sqrt(3.0), enough)
+
+
+@njit(**_options)
+def _largest_strain(u, inverse, wider, enough):
+    """Bound the largest principal strain of a cell's trilinear field, from eight places in the order of nodes.
+
+    That in the middle and the size of what changes in the cell; where that is too rough, the largest at its corners.
+    True of parallelepipeds, and nearly so of others.
+
+    Parameters
+    ----------
+    u : float64, shape (8, 3), dimension length
+    inverse : float64, shape (3, 3), dimension length^-1
+        ``d r_k / d x_d`` in the middle.
+    wider : float
+        The cell over the box of the places.
+    enough : float
+        Below this a rough bound will do.
+    """
+    slope, bent, twist = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    for c in range(3):
+        along = u[1, c] - u[0, c], u[2, c] - u[3, c], u[5, c] - u[4, c], u[6, c] - u[7, c]
+        aside = u[3, c] - u[0, c], u[2, c] - u[1, c], u[7, c] - u[4, c], u[6, c] - u[5, c]
+        upward = u[4, c] - u[0, c], u[5, c] - u[1, c], u[7, c] - u[3, c], u[6, c] - u[2, c]
+        slope[0, c] = 0.125 * wider * (along[0] + along[1] + along[2] + along[3])
+        slope[1, c] = 0.125 * wider * (aside[0] + aside[1] + aside[2] + aside[3])
+        slope[2, c] = 0.125 * wider * (upward[0] + upward[1] + upward[2] + upward[3])
+        second = 0.125 * wider * wider
+        bent[0, c] = second * ((aside[2] - aside[0]) + (aside[3] - aside[1]))  # with s and t
+        bent[1, c] = second * ((along[2] - along[0]) + (along[3] - along[1]))  # with r and t
+        bent[2, c] = second * ((along[1] - along[0]) + (along[3] - along[2]))  # with r and s
+        twist[c] = second * wider * ((along[3] - along[2]) - (along[1] - along[0]))
+    changes = 0.0
+    for p in range(3):
+        size, steep = 0.0, 0.0
+        for c in range(3):
+            most = abs(bent[p - 1, c]) + abs(bent[p - 2, c]) + abs(twist[c])
+            size += most * most
+            steep += inverse[p, c] * inverse[p, c]
+        changes += math.sqrt(size * steep)
+    rough = _principal(slope, inverse) + changes
+    if rough <= enough:
+        return rough
+    top, at_corner = 0.0, np.empty((3, 3))
+    for corner in range(8):
+        r, s, t = 2.0 * (corner & 1) - 1.0, 2.0 * (corner >> 1 & 1) - 1.0, 2.0 * (corner >> 2) - 1.0
+        for c in range(3):
+            at_corner[0, c] = slope[0, c] + s * bent[2, c] + t * bent[1, c] + s * t * twist[c]
+            at_corner[1, c] = slope[1, c] + r * bent[2, c] + t * bent[0, c] + r * t * twist[c]
+            at_corner[2, c] = slope[2, c] + r * bent[1, c] + s * bent[0, c] + r * s * twist[c]
+        top = max(top, _principal(at_corner, inverse))
+    return min(top, rough)
+
+
+@njit(**_options)
+def _principal(slope, inverse):
+    """``tr / 3 + sqrt(2/3) |dev|`` of the strain, which its largest principal value does not pass."""
+    trace, square = 0.0, 0.0
+    for d in range(3):
+        trace += slope[0, d] * inverse[0, d] + slope[1, d] * inverse[1, d] + slope[2, d] * inverse[2, d]
+    for p in range(3):
+        for c in range(3):
+            strain = -trace / 3.0 if p == c else 0.0
+            for k in range(3):
+                strain += 0.5 * (slope[k, p] * inverse[k, c] + slope[k, c] * inverse[k, p])
+            square += strain * strain
+    return trace / 3.0 + math.sqrt(2.0 / 3.0 * square)
+
+
+@njit(**_options)
+def _bonds(S, a, b):
+    """Squared lengths, and products with the changes, of the bonds from a point to those of a cluster."""
+    gx = load(S, b + 3 * W) - splat(S[a + 3 * W])
+    gy = load(S, b + 4 * W) - splat(S[a + 4 * W])
+    gz = load(S, b + 5 * W) - splat(S[a + 5 * W])
+    dx = load(S, b) - splat(S[a])
+    dy = load(S, b + W) - splat(S[a + W])
+    dz = load(S, b + 2 * W) - splat(S[a + 2 * W])
+    return fma(gx, gx, fma(gy, gy, gz * gz)), fma(dx, gx, fma(dy, gy, dz * gz))
+
+
+@njit(**_options)
+def raise_bins(bins, members, number, around):
+    """Largest number of the cells in each bin and the 26 bins around it.
+
+    Parameters
+    ----------
+    bins : int64, shape (nx, ny, nz, 2)
+        Where the cells of each bin begin and end in ``members``; the outermost bins are empty.
+    members : int64, shape (n_cells,)
+    number : float64, shape (n_cells,)
+    around : float64, shape (nx, ny, nz)
+        Overwritten.
+    """
+    around[:] = 0.0
+    nx, ny, nz = around.shape
+    for i in range(1, nx - 1):
+        for j in range(1, ny - 1):
+            for k in range(1, nz - 1):
+                top = 0.0
+                for m in range(bins[i, j, k, 0], bins[i, j, k, 1]):
+                    top = max(top, number[members[m]])
+                for a in range(i - 1, i + 2):
+                    for b in range(j - 1, j + 2):
+                        for c in range(k - 1, k + 2):
+                            around[a, b, c] = max(around[a, b, c], top)
+
+
+@njit(**_options)
+def near_larger(bins, members, place, centre, reach2, number, around, limit, chosen):
+    """Which of the first cells are within the reach of one with a number above their limit.
+
+    Parameters
+    ----------
+    bins, members, number, around
+        As of `raise_bins`.
+    place : int32, shape (n_cells, 3)
+        Bin of each cell.
+    centre : float64, shape (n_cells, 3), dimension length
+    reach2 : float, dimension length^2
+        Bins are as wide as the reach.
+    limit : float64, shape (n,)
+    chosen : bool, shape (n,)
+        Overwritten.
+    """
+    for cell in range(limit.size):
+        i, j, k = place[cell]
+        chosen[cell] = around[i, j, k] > limit[cell] and _is_near_larger(
+            bins, members, place, centre, reach2, number, cell, limit[cell]
+        )
+
+
+@njit(**_options)
+def _is_near_larger(bins, members, place, centre, reach2, number, cell, limit):
+    i, j, k = place[cell]
+    for a in range(i - 1, i + 2):
+        for b in range(j - 1, j + 2):
+            for c in range(k - 1, k + 2):
+                for m in range(bins[a, b, c, 0], bins[a, b, c, 1]):
+                    other = members[m]
+                    if number[other] > limit and _are_near(centre, cell, other, reach2):
+                        return True
+    return False
+
+
+@njit(**_options)
+def _are_near(centre, one, other, reach2):
+    square = 0.0
+    for d in range(3):
+        square += (centre[other, d] - centre[one, d]) ** 2
+    return square <= reach2
+
+
+@njit(**_options)
+def mark_around(bins, members, place, centre, reach2, cells, marked):
+    """Mark the cells within the reach of some; ``marked``, bool, shape (n_cells,), the rest as of `near_larger`."""
+    for cell in cells:
+        i, j, k = place[cell]
+        for a in range(i - 1, i + 2):
+            for b in range(j - 1, j + 2):
+                for c in range(k - 1, k + 2):
+                    for m in range(bins[a, b, c, 0], bins[a, b, c, 1]):
+                        if _are_near(centre, cell, members[m], reach2):
+                            marked[members[m]] = True
+
+
+@njit(**_options)
+def raise_ratios(
+    bins, members, place, centre, reach2, cells, S, class_of, inverse, cutoff2, cutoff, corners, planes, balls, lower,
+    bin_size, n_bins, bin_start, bin_index, found, ratio,
+):  # fmt: skip
+    """Raise the ratios of some cells to the largest stretch over its limit of the bonds of their points.
+
+    Parameters
+    ----------
+    bins, members, place, centre, reach2
+        As of `near_larger`.
+    cells : int64, shape (n,)
+    S : float64, shape (n_cells * 48,)
+        As of `follow_nodes`, complete for the cells and those around them.
+    class_of : int64, shape (n_cells,)
+    inverse : float64, shape (n_classes, n_classes)
+        One over the critical stretch; 0 where bonds do not break.
+    cutoff2 : float, dimension length^2
+    cutoff, corners, planes, balls, lower, bin_size, n_bins, bin_start, bin_index, found
+        The body's surface, which no bond crosses, as of `gap_cuts.cut_gaps`. ``balls`` may be empty.
     ratio : float64, shape (n_cells,)
         Raised for the cells given.
     """
-    p, q = np.empty(3), np.empty(3)
-    for k in range(cells.size):
-        cell = cells[k]
+    far = splat(cutoff2)
+    for cell in cells:
         top = ratio[cell]
-        for m in range(start[k], start[k + 1]):
-            other = others[m]
-            limit = inverse[class_of[cell], class_of[other]]
-            if limit == 0.0 or other == cell:
-                continue
-            for i in range(8 * cell, 8 * cell + 8):
-                for j in range(8 * other, 8 * other + 8):
-                    found = _stretch(S, i, j, cutoff2) * limit
-                    if found <= top:
-                        continue
-                    if removed.size:
-                        for d in range(3):
-                            p[d] = scale[0, d] * S[9 * W * (i // W) + i % W + W * (3 + d)] + scale[1, d]
-                            q[d] = scale[0, d] * S[9 * W * (j // W) + j % W + W * (3 + d)] + scale[1, d]
-                        if passes_through(p, q, removed, sums):
+        i, j, k = place[cell]
+        for a in range(i - 1, i + 2):
+            for b in range(j - 1, j + 2):
+                for c in range(k - 1, k + 2):
+                    for m in range(bins[a, b, c, 0], bins[a, b, c, 1]):
+                        other = members[m]
+                        limit = inverse[class_of[cell], class_of[other]]
+                        if limit == 0.0 or not _are_near(centre, cell, other, reach2):
                             continue
-                    top = found
+                        for q in range(2):
+                            cluster = ROWS * W * (2 * other + q)
+                            for p in range(8):
+                                point = ROWS * W * (2 * cell + p // W) + p % W
+                                square, work = _bonds(S, point, cluster)
+                                larger = lanes(above(work * splat(limit), splat(top) * square))
+                                if larger and larger & ~lanes(above(square, far)):
+                                    top = _raised(
+                                        S, point, cluster, limit, cutoff2, cutoff, corners, planes, balls, lower,
+                                        bin_size, n_bins, bin_start, bin_index, found, top,
+                                    )  # fmt: skip
         ratio[cell] = top
 
 
-_table = types.float64[::1]
-_common = (_table, types.int64[::1], types.float64[:, ::1], types.float64)
+@njit(**_options)
+def _raised(
+    S, a, b, limit, cutoff2, cutoff, corners, planes, balls, lower, bin_size, n_bins, bin_start, bin_index, found, top
+):  # fmt: skip
+    """The largest of a ratio and those of the bonds from a point to the four of a cluster."""
+    p, q, heights = np.empty(3), np.empty(3), np.empty(found.size)
+    for k in range(W):
+        square, work = 0.0, 0.0
+        for d in range(3):
+            xi = S[b + k + W * (3 + d)] - S[a + W * (3 + d)]
+            square += xi * xi
+            work += xi * (S[b + k + W * d] - S[a + W * d])
+            p[d], q[d] = S[a + W * (3 + d)], S[b + k + W * (3 + d)]
+        if square > cutoff2 or square == 0.0 or work / square * limit <= top:
+            continue
+        if not balls.size or not leaves(
+            p, q, cutoff, corners, planes, balls, lower, bin_size, n_bins, bin_start, bin_index, found, heights
+        ):  # fmt: skip
+            top = work / square * limit
+    return top
+
+
+_i8, _f8, _table = types.int64[::1], types.float64[::1], types.float64[:, ::1]
+_bins = (types.int64[:, :, :, ::1], _i8)
+_places = (*_bins, types.int32[:, ::1], _table, types.float64)
 SIGNATURES = {
-    within_cells: types.void(*_common, _table),
-    between_cells: types.void(
-        types.int64[::1],
-        types.int64[::1],
-        types.int64[::1],
-        *_common,
-        types.float64[:, ::1],
-        types.uint8[:, :, ::1],
-        types.int32[:, :, ::1],
+    follow_nodes: types.void(_i8, types.int64, types.int32[:, ::1], _table, _f8),
+    strains_by_nodes: types.void(types.int32[:, ::1], types.float64[:, :, ::1], _table, types.float64, _f8),
+    strains_by_points: types.void(_f8, types.float64[:, :, ::1], types.float64, _f8),
+    raise_bins: types.void(*_bins, _f8, types.float64[:, :, ::1]),
+    near_larger: types.void(*_places, _f8, types.float64[:, :, ::1], _f8, types.boolean[::1]),
+    mark_around: types.void(*_places, _i8, types.boolean[::1]),
+    raise_ratios: types.void(
+        *_places,
+        _i8,
+        _f8,
+        _i8,
         _table,
+        types.float64,
+        types.float64,
+        _table,
+        _table,
+        _table,
+        _f8,
+        types.float64,
+        *4 * (_i8,),
+        _f8,
     ),
 }

@@ -21,6 +21,20 @@ _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "
 
 
 @njit(**_options)
+def add_pair(SI, i, j, x, y, z, per_quantum):
+    """Add the force of one bond to the entry ``i`` of its first point, and take it from ``j`` of its second."""
+    px = np.int64(np.rint(x * per_quantum))
+    py = np.int64(np.rint(y * per_quantum))
+    pz = np.int64(np.rint(z * per_quantum))
+    SI[i + 6 * W] += px
+    SI[i + 7 * W] += py
+    SI[i + 8 * W] += pz
+    SI[j + 6 * W] -= px
+    SI[j + 7 * W] -= py
+    SI[j + 8 * W] -= pz
+
+
+@njit(**_options)
 def add_softened_forces(n, pairs, strengths, law, tooth, stiffness, finite, S, SI, quantum):
     """Add the forces of the list to both of their points.
 
@@ -47,15 +61,7 @@ def add_softened_forces(n, pairs, strengths, law, tooth, stiffness, finite, S, S
         else:
             f = k * work
             peak = max(peak, abs(f))
-        px = np.int64(np.rint((f * gx) * per_quantum))
-        py = np.int64(np.rint((f * gy) * per_quantum))
-        pz = np.int64(np.rint((f * gz) * per_quantum))
-        SI[i + 6 * W] += px
-        SI[i + 7 * W] += py
-        SI[i + 8 * W] += pz
-        SI[j + 6 * W] -= px
-        SI[j + 7 * W] -= py
-        SI[j + 8 * W] -= pz
+        add_pair(SI, i, j, f * gx, f * gy, f * gz, per_quantum)
     return peak
 
 
@@ -85,15 +91,7 @@ def add_softened_tangent(n, pairs, strengths, law, tooth, stiffness, S, SI, quan
         across = k * phi
         px, py, pz = across * vx + along * yx, across * vy + along * yy, across * vz + along * yz
         peak = max(peak, abs(px), abs(py), abs(pz))
-        ix = np.int64(np.rint(px * per_quantum))
-        iy = np.int64(np.rint(py * per_quantum))
-        iz = np.int64(np.rint(pz * per_quantum))
-        SI[i + 6 * W] += ix
-        SI[i + 7 * W] += iy
-        SI[i + 8 * W] += iz
-        SI[j + 6 * W] -= ix
-        SI[j + 7 * W] -= iy
-        SI[j + 8 * W] -= iz
+        add_pair(SI, i, j, px, py, pz, per_quantum)
     return peak
 
 

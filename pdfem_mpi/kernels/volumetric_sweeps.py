@@ -40,7 +40,7 @@ def _linear_sweep(weighted):
     """Build the sweep of linear kinematics, with or without fitted weights (a constant to the compiler)."""
 
     @njit(**_options)
-    def add_volumetric_forces(first, last, row_start, row_offset, row_data, S, SI, table, Q, material, scale, weights):
+    def add_volumetric_forces(first, last, row_start, row_offset, row_data, S, SI, table, Q, weights):
         """Add the force of every bond of the rows of points ``first:last`` to both of its points, linear kinematics.
 
         Parameters
@@ -49,9 +49,6 @@ def _linear_sweep(weighted):
             As in `bond_sweeps`.
         Q : float64, shape (n_clusters * 4,)
             ``q`` of all points.
-        material : int16, shape (n_clusters,)
-        scale : float64, shape (n_materials, n_materials)
-            What ``q`` is multiplied by, from the materials of the two points; of shape (1, 1) where it is 1 throughout.
         weights : float32, shape ((n_rows + 1) * 8,) or (0,)
             As in `dilatation_sweeps`.
 
@@ -61,7 +58,6 @@ def _linear_sweep(weighted):
             ``last``.
         """
         zero = splat(0.0)
-        several = scale.shape[0] > 1
         M = held(table[V5])
         for i in range(first, last):
             r = u8(row_start[i])
@@ -92,8 +88,6 @@ def _linear_sweep(weighted):
                     common = q * load(weights, o) + load(Q, b // _NINE) * load(weights, o + V1)  # alike from both ends
                 else:
                     common = q + load(Q, b // _NINE)
-                if several:
-                    common = common * splat(scale[material[c], material[b // u8(9 * W)]])
                 f = load(row_data, r * V1) * fma(fma(gx, gx, fma(gy, gy, gz * gz)), common, f)
                 r += ONE
                 px = fma(f, gx, M)
@@ -117,13 +111,12 @@ def _finite_sweep(closed, weighted):
     """Build the sweep of finite kinematics with ``phi`` in closed form or as a series, and with weights or without."""
 
     @njit(**_options)
-    def add_volumetric_forces(first, last, row_start, row_offset, row_data, S, SI, table, Q, material, scale, weights):
+    def add_volumetric_forces(first, last, row_start, row_offset, row_data, S, SI, table, Q, weights):
         """Add the force of every bond of the rows of points ``first:last`` to both of its points, finite kinematics.
 
         Parameters and result are those of the linear sweep.
         """
         zero = splat(0.0)
-        several = scale.shape[0] > 1
         numbers = numbers_of(table)
         M = held(table[V5])
         one = held(table[V6])
@@ -161,8 +154,6 @@ def _finite_sweep(closed, weighted):
                     common = q * load(weights, o) + load(Q, b // _NINE) * load(weights, o + V1)  # alike from both ends
                 else:
                     common = q + load(Q, b // _NINE)
-                if several:
-                    common = common * splat(scale[material[c], material[b // u8(9 * W)]])
                 f = load(row_data, o) * (phi + fnma(phi, common, common))
                 px = fma(f, gx + dx, M)
                 py = fma(f, gy + dy, M)
@@ -186,7 +177,7 @@ def _tangent_sweep(closed, weighted):
 
     @njit(**_options)
     def add_tangent_forces(
-        first, last, row_start, row_offset, row_data, S, SI, table, Q, material, scale, weights, change, extremes
+        first, last, row_start, row_offset, row_data, S, SI, table, Q, weights, change, extremes
     ):  # fmt: skip
         """Add the change of the finite bond forces for a small change ``v`` of the displacements.
 
@@ -199,7 +190,6 @@ def _tangent_sweep(closed, weighted):
             The first is raised to the largest component of a bond's force.
         """
         zero = splat(0.0)
-        several = scale.shape[0] > 1
         numbers = numbers_of(table)
         M = held(table[V5])
         one = held(table[V6])
@@ -244,10 +234,6 @@ def _tangent_sweep(closed, weighted):
                 else:
                     common = q + common
                     changed = more + changed
-                if several:
-                    weight = splat(scale[material[c], material[b // u8(9 * W)]])
-                    common = common * weight
-                    changed = changed * weight
                 k = load(row_data, o)
                 k = k + k
                 shrink = one - phi
@@ -295,8 +281,7 @@ NAMES = {
     for (finite, series, _), sweep in SWEEPS.items()
 } | {sweep: f"tangent, {'series' if series else 'closed form'}, volumetric" for (series, _), sweep in TANGENTS.items()}
 
-_f8, _i8, _int, _i2 = types.float64[::1], types.int64[::1], types.int64, types.int16[::1]
-_table, _f4 = types.float64[:, ::1], types.float32[::1]
-_forces = _int(_int, _int, _i8, types.uint32[::1], _f4, _f8, _i8, _f8, _f8, _i2, _table, _f4)
-_tangent = _int(_int, _int, _i8, types.uint32[::1], _f4, _f8, _i8, _f8, _f8, _i2, _table, _f4, _f8, _f8)
+_f8, _i8, _int, _f4 = types.float64[::1], types.int64[::1], types.int64, types.float32[::1]
+_forces = _int(_int, _int, _i8, types.uint32[::1], _f4, _f8, _i8, _f8, _f8, _f4)
+_tangent = _int(_int, _int, _i8, types.uint32[::1], _f4, _f8, _i8, _f8, _f8, _f4, _f8, _f8)
 SIGNATURES = dict.fromkeys(SWEEPS.values(), _forces) | dict.fromkeys(TANGENTS.values(), _tangent)

@@ -24,9 +24,7 @@ _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "
 
 
 @njit(**_options)
-def add_weighted_blocks(
-    row_start, row_offset, row_data, S, SI, pattern, finite, mixed, material, scale, stiffening
-):  # fmt: skip
+def add_weighted_blocks(row_start, row_offset, row_data, S, SI, pattern, finite, mixed, stiffening):
     """Add each bond's stiffness, times the weight of its other end, to both of its points: three of six entries.
 
     Bonds of negative stiffness (fitted factors may have either sign) only lower the energy and add nothing.
@@ -41,13 +39,12 @@ def add_weighted_blocks(
         ``M``; an entry is at most the bond's force per unit stretch over its length, times the largest weight.
     finite, mixed : bool
         Layout of ``row_data``; entries xx, yy, zz or (mixed) xy, yz, zx.
-    material, scale, stiffening
+    stiffening
         As in `bond_densities.add_densities`.
     """
     M = splat(pattern)
     zero = splat(0.0)
     stiffens = stiffening.size > 0
-    several = scale.shape[0] > 1
     stride = 2 * W if finite else W
     for i in range(row_start.size - 1):
         c = i // W
@@ -65,8 +62,6 @@ def add_weighted_blocks(
             k = load(row_data, row * stride)
             if stiffens:
                 growth = root(fma(dx, dx, fma(dy, dy, dz * dz))) * (splat(stiffening[i]) + load(stiffening, b // 9))
-                if several:
-                    growth = growth * splat(scale[material[c], material[b // (9 * W)]])
                 k = fma(magnitude(k), growth, largest(k, zero))
             else:
                 k = largest(k, zero)
@@ -125,7 +120,7 @@ _f8, _i8, _table = types.float64[::1], types.int64[::1], types.float64[:, ::1]
 SIGNATURES = {
     add_weighted_blocks: types.void(
         _i8, types.uint32[::1], types.float32[::1], _f8, _i8, types.float64, types.boolean, types.boolean,
-        types.int16[::1], _table, _f8,
+        _f8,
     ),
     stiffness_bounds: types.void(_table, _table, _f8, types.float64, _f8),
 }  # fmt: skip

@@ -2,36 +2,37 @@
 
 At every cell of the body there are eight points: those of bonds have displacements of their own, those of elements
 follow the nodes. The strain of a cell alone would not do: its bonds reach into neighbours with twice of it.
+
+Who asks says from which ratio on it matters. How far each cell is strained is told first, from its nodes or points
+alone; only near to what is strained that far are bonds looked at, and what surrounds a cell is found once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
+from pdfem_mpi.body.lattice_planes import bond_sizes
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import first_stretches
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.finite_elements.nodes import local_nodes
-from pdfem_mpi.kernels.families import CUTOFF_GUARD
-from pdfem_mpi.kernels.foretold import between_cells, within_cells
-from pdfem_mpi.kernels.interpolation import interpolate
+from pdfem_mpi.kernels.foretold import ROWS, follow_nodes, raise_ratios, strains_by_nodes, strains_by_points
+from pdfem_mpi.kernels.hex8 import REFERENCE_NODES
 from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.measure.surroundings import Surroundings
 from pdfem_mpi.model.model import Model
-from pdfem_mpi.parallel.comm import largest
-from pdfem_mpi.peridynamics.clusters import by_component, point_rows
+from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.peridynamics.clusters import by_component
 from pdfem_mpi.peridynamics.gaps import with_gaps
-from pdfem_mpi.peridynamics.points import make_points, sums_table
+from pdfem_mpi.peridynamics.points import Points, make_points
 
 #: Ratios are rounded to multiples of this: twins in a mirror that differ in their last digits are equal.
 ROUNDED = 2.0**-20
-#: A cell is looked at where a cell within the cutoff radius stretches within itself by this part of the threshold: a
-#: bond's stretch is a mean of the strain along it.
-WARM = 0.5
-#: Cells whose surroundings are listed at a time.
-BATCH = 2048
+#: A bond's stretch is a mean of the strain along it. What is known of the strain in a cell is so much below what it may
+#: be, of cells that are no parallelepipeds and between the points of two cells.
+NEARLY = 1.1
 
 
 class Foretelling:
@@ -52,17 +53,27 @@ class Foretelling:
 
     def __init__(self, scene: Scene, share: Share, model: Model):
         around = share.found.around
+        points = with_gaps(share, make_points(replace(share, subdomain=around), share.comm))
         self.share, self.model = share, model
-        self.points = with_gaps(scene, share.units, make_points(replace(share, subdomain=around), share.comm))
         self.cells = np.concatenate([around.free, around.overlap])
-        self._S = sums_table(self.points)[0]
+        self._real = np.concatenate([self.cells, around.ghosts])
+        self._n_free, self._halo, self._images = points.n_free, points.halo, points.images
+        gaps = points.gaps
+        self._surface = (gaps.cutoff, gaps.corners, gaps.planes, *gaps.near) if gaps else NO_SURFACE
+        self._S = _table(points)
         self._connectivity = local_nodes(share)[share.mesh.cells[around.overlap]]
-        self._inverse, self._class_of = _limits(scene, share, around.point_cells)
-        x = point_rows(self.points.x).reshape(-1, 8, 3)
-        self._centres = 0.5 * (x.min(axis=1) + x.max(axis=1))
-        radius = np.sqrt(((x - self._centres[:, None]) ** 2).sum(axis=2).max(axis=1))
-        self._reach = share.cutoff + 2.0 * float(largest(share.comm, np.array([radius.max(initial=0.0)]))[0])
+        self._inverse = _inverse_in_the_middle(share.nodes[share.mesh.cells[self.cells]])
+        self._limits, self._class_of = _limits(scene, share, around.point_cells)
         self._asked = ~share.found.is_turned[self.cells]
+        self._lent, self._source = _lent(points), np.arange(len(points.cell_number))
+        if points.images:
+            self._source[len(self._source) - len(points.images.source) :] = points.images.source
+        self._surroundings = Surroundings(share, points)
+
+    @property
+    def _by_cell(self) -> np.ndarray:
+        """The table as [cell][cluster][row][lane]."""
+        return self._S.reshape(-1, 2, ROWS, W)
 
     def place(self, u: np.ndarray) -> np.ndarray:
         """Displacements of the eight points of each of the rank's cells, shape (n_owned, 8, 3). Collective.
@@ -71,77 +82,129 @@ class Foretelling:
         ----------
         u : float64, shape (n_unknowns,), dimension length
         """
-        nodes, points, S = self.model.nodes, self.points, self._S
-        unknowns = self.model.unknowns
-        if unknowns.n_points:
-            S[: 2 * points.n_free, 0:3] = by_component(unknowns.of_points(u))
-        moved = np.empty((len(nodes.number), 3))
-        moved[: nodes.n_owned] = unknowns.of_nodes(u)
-        nodes.halo.scatter_forward(moved)
-        interpolate(S, points.n_free, self._connectivity, moved)
-        points.halo.scatter_forward(S.reshape(-1, 2, 9, W)[:, :, 0:3])
-        return S[: 2 * points.n_owned, 0:3].reshape(-1, 2, 3, W).swapaxes(2, 3).reshape(-1, 8, 3)
+        self._displace(np.arange(self._n_free, len(self.cells)), self._move(u))
+        return self._by_cell[: len(self.cells), :, 0:3].swapaxes(2, 3).reshape(-1, 8, 3)
 
-    def ratios(self, u: np.ndarray, threshold: float) -> np.ndarray:
-        """Largest foretold stretch over the critical one, of the rank's cells that are not turned.
+    def ratios(self, u: np.ndarray, least: np.ndarray | float, damaged: np.ndarray | None = None) -> np.ndarray:
+        """Largest foretold stretch over the critical one, of the rank's cells that are not turned. Collective.
 
         Parameters
         ----------
         u : float64, shape (n_unknowns,), dimension length
-        threshold : float
-            Ratios well below it may be told too small; 0: all are right.
+        least : float64, shape (n_owned,), or float
+            What is not above this does not matter.
+        damaged : bool, shape (n_cells of the share,), optional
+            Cells at the ends of broken bonds, as far as this rank knows: they tell nothing of what is beyond these.
 
         Returns
         -------
         float64, shape (n_owned,)
-            0 for other cells.
+            0 where it does not matter, and for other cells.
         """
-        self.place(u)
-        S = self._S.reshape(-1)
-        ratio = np.zeros(len(self._centres))
-        rest = S, self._class_of, self._inverse, self.share.cutoff**2
-        within_cells(*rest, ratio)
-        chosen = self._worth_a_look(ratio, WARM * threshold)
-        gaps = self.points.gaps
-        removed = (gaps.scale, gaps.removed, gaps.sums) if gaps else NO_GAPS
-        for cells, start, others in self._surroundings(chosen):
-            between_cells(cells, start, others, *rest, *removed, ratio)
-        found = np.rint(ratio[: len(self.cells)] / ROUNDED) * ROUNDED
-        return np.where(self._asked, found, 0.0)
+        moved, own = self._move(u), len(self.cells)
+        ratio = np.zeros(len(self._class_of))
+        ratio[:own] = least = np.maximum(least - ROUNDED, 0.0)
+        limit = self._strain_limits(ratio[:own])
+        enough = -float(largest(self.share.comm, np.array([-limit.min(initial=np.inf)]))[0])
+        chosen = self._surroundings.near_larger(self._strains(moved, enough, damaged), limit)
+        if not sum_integers(self.share.comm, np.array([len(chosen)]))[0]:
+            return np.zeros(own)
+        needed = self._lent.copy()
+        needed[self._source[self._surroundings.marked(chosen)]] = True
+        self._displace(self._n_free + np.flatnonzero(needed[self._n_free : own]), moved)
+        rest = self._S, self._class_of, self._limits, self.share.cutoff**2
+        raise_ratios(*self._surroundings.rows, chosen, *rest, *self._surface, ratio)
+        found = np.rint(ratio[:own] / ROUNDED) * ROUNDED
+        return np.where(ratio[:own] > least, found, 0.0)
 
-    def _worth_a_look(self, ratio: np.ndarray, least: float) -> np.ndarray:
-        """Cells of the rank that have a cell near that stretches within itself; int64."""
-        from scipy.spatial import cKDTree
+    def most_strained(self, u: np.ndarray, cells: np.ndarray) -> float:
+        """The ratio of a cell that is strained most, of chosen ones on all ranks: the largest is not below. Collective.
 
-        asked = np.flatnonzero(self._asked)
-        if least == 0.0 or not len(asked):
-            return asked
-        warm = ratio >= least
-        if not warm.any():
-            return np.empty(0, np.int64)
-        distance, _ = cKDTree(self._centres[warm]).query(self._centres[asked], distance_upper_bound=self._reach)
-        return asked[np.isfinite(distance)]
+        Parameters
+        ----------
+        cells : bool, shape (n_owned,)
+        """
+        strain = np.where(self._asked & cells, self._strains(self._move(u), 0.0)[: len(self.cells)], 0.0)
+        (top,) = largest(self.share.comm, np.array([strain.max(initial=0.0)]))
+        first = np.where((strain == top) & (strain > 0.0), 0.0, np.inf)
+        return float(largest(self.share.comm, np.array([self.ratios(u, first).max(initial=0.0)]))[0])
 
-    def _surroundings(self, chosen: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Some of the cells at a time, where their lists begin, and the cells within reach of each; int64."""
-        from scipy.spatial import cKDTree
+    def _move(self, u: np.ndarray) -> np.ndarray:
+        """Give free points and nodes their displacements; those of the rank's nodes, (n_nodes, 3). Collective."""
+        nodes, unknowns = self.model.nodes, self.model.unknowns
+        if unknowns.n_points:
+            free = self._by_cell[: self._n_free]
+            free[:, :, 0:3] = by_component(unknowns.of_points(u)).reshape(-1, 2, 3, W)
+        moved = np.empty((len(nodes.number), 3))
+        moved[: nodes.n_owned] = unknowns.of_nodes(u)
+        nodes.halo.scatter_forward(moved)
+        return moved
 
-        if not len(chosen):
-            return
-        tree = cKDTree(self._centres)
-        for first in range(0, len(chosen), BATCH):
-            cells = chosen[first : first + BATCH]
-            lists = tree.query_ball_point(self._centres[cells], self._reach)
-            start = np.concatenate([[0], np.cumsum([len(found) for found in lists])]).astype(np.int64)
-            yield cells, start, np.concatenate(lists).astype(np.int64)
+    def _displace(self, cells: np.ndarray, moved: np.ndarray) -> None:
+        """Displace the points of some cells that follow nodes, and copies of what others lent. Collective."""
+        follow_nodes(cells, self._n_free, self._connectivity, moved, self._S)
+        self._halo.scatter_forward(self._by_cell[:, :, 0:3])
+
+    def _strains(self, moved: np.ndarray, enough: float, damaged: np.ndarray | None = None) -> np.ndarray:
+        """How far bonds may stretch by what each cell tells, about where below ``enough``; of ghosts and images too.
+
+        Collective.
+        """
+        strain = np.zeros(len(self._class_of))
+        free, own = self._n_free, len(self.cells)
+        strains_by_points(self._S, self._inverse[:free], enough / NEARLY, strain[:free])
+        strains_by_nodes(self._connectivity, self._inverse[free:], moved, enough / NEARLY, strain[free:own])
+        strain[:own] *= NEARLY
+        halo = self._halo.halo if self._images else self._halo
+        if damaged is not None:
+            torn = damaged[self._real].astype(np.int64)
+            halo.scatter_reverse(torn)
+            strain[:own][torn[:own] > 0] = np.inf
+        halo.scatter_forward(strain[: halo.n_owned + halo.n_ghost])
+        return strain[self._source]
+
+    def _strain_limits(self, least: np.ndarray) -> np.ndarray:
+        """Strains up to which no bond of a cell is above the least ratio, of the rank's cells; float64, (n_owned,)."""
+        steepest = self._limits.max(axis=1)[self._class_of[: len(self.cells)]]
+        with np.errstate(divide="ignore"):
+            return np.where(self._asked & (steepest > 0.0), least / steepest, np.inf)
 
 
-NO_GAPS = np.zeros((2, 3)), np.zeros((0, 0, 0), np.uint8), np.zeros((1, 1, 1), np.int32)
+NO_SURFACE = (
+    0.0, np.empty((0, 9)), *2 * (np.empty((0, 4)),), np.zeros(3), 1.0, *4 * (np.zeros(1, np.int64),),
+)  # fmt: skip
+
+
+def _table(points: Points) -> np.ndarray:
+    """The table of displacements, 0, and positions that the kernels read."""
+    S = np.zeros((points.n_clusters, ROWS, W))
+    S[:, 3:6] = by_component(points.x)
+    return S.reshape(-1)
+
+
+def _lent(points: Points) -> np.ndarray:
+    """Whether other ranks have copies of a cell; bool, shape (n_cells,). Collective."""
+    halo = points.halo.halo if points.images else points.halo
+    copies = np.zeros(halo.n_owned + halo.n_ghost, np.int64)
+    copies[halo.n_owned :] = 1
+    halo.scatter_reverse(copies)
+    lent = np.zeros(len(points.cell_number), bool)
+    lent[: halo.n_owned] = copies[: halo.n_owned] > 0
+    return lent
+
+
+def _inverse_in_the_middle(corners: np.ndarray) -> np.ndarray:
+    """``d r_k / d x_d`` in the middle of cells, shape (n, 3, 3), from their corners, (n, 8, 3)."""
+    along = np.zeros((len(corners), 3, 3))
+    for a in range(8):
+        along += 0.125 * REFERENCE_NODES[a][:, None] * corners[:, a, None, :]
+    across = np.stack([np.cross(along[:, k - 2], along[:, k - 1]) for k in range(3)], axis=1)
+    return across / (along * across).sum(axis=2)[:, :1, None]
 
 
 def _limits(scene: Scene, share: Share, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """One over the critical stretch by classes of points, and the class of some cells: material, and if it may fail."""
-    stretch = first_stretches(scene, share.units.length, share.cutoff / (1.0 + CUTOFF_GUARD))
+    stretch = first_stretches(scene, *bond_sizes(scene, share))
     finite = np.isfinite(stretch)
     inverse = np.where(finite, 1.0 / share.units.numbers(np.where(finite, stretch, 1.0)), 0.0)
     n = len(inverse)

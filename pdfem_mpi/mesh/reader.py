@@ -15,15 +15,11 @@ import numpy as np
 
 from pdfem_mpi.deck.meshes import MESH_SUFFIXES, FileMesh
 from pdfem_mpi.deck.table import SceneError, did_you_mean
-from pdfem_mpi.mesh.abaqus import read_abaqus
-from pdfem_mpi.mesh.exodus import read_exodus
-from pdfem_mpi.mesh.gmsh import read_gmsh
+from pdfem_mpi.mesh.formats import read_format
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.merge import merge_nodes
 from pdfem_mpi.mesh.names import FoldedNames
 from pdfem_mpi.mesh.raw import Block, RawMesh, Refusal, excerpt
-from pdfem_mpi.mesh.vtk_legacy import read_vtk
-from pdfem_mpi.mesh.vtk_xml import read_vtu
 from pdfem_mpi.system.plain_files import NotPlain, open_plain
 
 FORMATS = {
@@ -31,7 +27,6 @@ FORMATS = {
     ".exo": "exodus", ".e": "exodus", ".ex2": "exodus", ".g": "exodus", ".gen": "exodus",
 }  # fmt: skip
 NAMES = {"gmsh": "Gmsh", "abaqus": "Abaqus", "vtu": "VTK (.vtu)", "vtk": "VTK (.vtk)", "exodus": "Exodus II"}
-READERS = {"gmsh": read_gmsh, "abaqus": read_abaqus, "vtu": read_vtu, "vtk": read_vtk}
 #: Cells beside hexahedra that make sets: the faces, edges and corners of groups.
 MAKE_SETS = ("quad", "line", "vertex")
 #: Coordinates beyond this have no squares and cubes in double precision.
@@ -66,7 +61,7 @@ def read_mesh(entry: FileMesh) -> MeshFile:
     if problem := _trouble(path, kind):
         raise SceneError([f'mesh.path = "{entry.path}": {problem}'])
     try:
-        raw = read_exodus(path) if kind == "exodus" else READERS[kind](path.read_bytes())
+        raw = read_format(path, kind)
     except Refusal as refusal:
         raise SceneError([f'mesh.path = "{entry.path}": {message}' for message in refusal.messages]) from None
     except MemoryError:

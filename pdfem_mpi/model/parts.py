@@ -20,7 +20,7 @@ from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.kernels.union_find import join_rows, spread_smallest
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import PAIRS, left_free, modes_at, motion_names
-from pdfem_mpi.model.restraints import soft_unknowns
+from pdfem_mpi.model.restraints import sprung_unknowns
 from pdfem_mpi.parallel.comm import distinct, largest, sum_integers
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.images import SCALAR, halo_for
@@ -122,7 +122,7 @@ def find_unsupported(model: Model, parts: Parts, fixed: np.ndarray) -> tuple[Uns
     ----------
     fixed : bool, shape (n_unknowns,)
     """
-    x, held = positions(model), model.unknowns.rows(fixed | soft_unknowns(model))
+    x, held = positions(model), model.unknowns.rows(fixed | sprung_unknowns(model))
     ones = np.ones(len(x), bool)
     sums = sum_over_parts(model.comm, parts, ones, np.column_stack([np.ones(len(x)), x]))
     number, centre = sums[:, :1], sums[:, 1:] / sums[:, :1]
@@ -136,6 +136,8 @@ def find_unsupported(model: Model, parts: Parts, fixed: np.ndarray) -> tuple[Uns
     for column, (a, b) in enumerate(zip(*PAIRS, strict=True)):
         kept[anywhere, column] = (modes[:, a] * modes[:, b]).sum(axis=1)
     kept = sum_over_parts(model.comm, parts, anywhere, kept)
+    if model.ties:
+        kept += _kept_by_ties(model, parts, y)
     if model.mirrors:
         size = np.trace(second, axis1=1, axis2=2)[:, None]
         kept[:, _DIAGONAL] += number * _kept_by_planes(model, parts) * np.where(np.arange(6) < 3, 1.0, size)
@@ -146,6 +148,34 @@ def find_unsupported(model: Model, parts: Parts, fixed: np.ndarray) -> tuple[Uns
         if len(motions):
             found.append(UnsupportedPart(part, centre[part], motions, texts[part]))
     return tuple(found)
+
+
+def _kept_by_ties(model: Model, parts: Parts, y: np.ndarray) -> np.ndarray:
+    """What ties keep of the motions of each part, shape (count, 21), as `PAIRS` runs. Collective.
+
+    A tie within one part keeps what its places move against each other, and lets be what all of them do alike. One
+    between parts counts as a support: what holds the other part is not looked at.
+
+    Parameters
+    ----------
+    y : float64, shape (n_triples, 3), dimension length
+        Positions from the middle of each one's part.
+    """
+    kept = np.zeros((parts.count, len(PAIRS[0])))
+    for group in model.ties.groups:
+        tied = np.zeros(model.n_unknowns, bool)
+        tied[group.index] = True
+        places = model.unknowns.rows(tied)[:, group.axis]
+        along = modes_at(y[places])[:, :, group.axis]
+        table = np.zeros((len(places), 28))
+        table[places, 0] = 1.0
+        table[places, 1:7] = along
+        table[places, 7:] = along[:, PAIRS[0]] * along[:, PAIRS[1]]
+        sums = sum_over_parts(model.comm, parts, places, table)
+        number, sum_, squares = sums[:, :1], sums[:, 1:7], sums[:, 7:]
+        alike = np.where(number == group.count, sum_[:, PAIRS[0]] * sum_[:, PAIRS[1]] / group.count, 0.0)
+        kept += squares - alike
+    return kept
 
 
 def _kept_by_planes(model: Model, parts: Parts) -> np.ndarray:

@@ -53,11 +53,9 @@ def internal_forces(forces: Forces, u: np.ndarray) -> np.ndarray:
     return force
 
 
-def soft_unknowns(model: Model) -> np.ndarray:
-    """Unknowns that springs or ties hold in some way; bool, shape (n_unknowns,)."""
+def sprung_unknowns(model: Model) -> np.ndarray:
+    """Unknowns that springs hold; bool, shape (n_unknowns,)."""
     held = np.zeros(model.n_unknowns, bool)
     if model.springs:
         held[model.springs.index] = True
-    if model.ties:
-        held[model.ties.index] = True
     return held

@@ -11,7 +11,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from time import perf_counter
+from time import perf_counter, sleep
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -29,6 +29,9 @@ LAUNCHERS = {
     "OMPI_COMM_WORLD_SIZE": "Open MPI's mpirun",
     "SLURM_STEP_NUM_TASKS": "Slurm's srun",
 }
+
+#: Seconds between two looks of a rank that waits at leisure.
+BETWEEN_LOOKS = 0.005
 
 Array = np.ndarray
 T = TypeVar("T")
@@ -187,6 +190,25 @@ def on_root(comm: Intracomm, action: Callable[[], Any]) -> Any:
     if messages:
         raise NotWritten(messages[0])
     return result
+
+
+def on_root_at_leisure(comm: Intracomm, action: Callable[[], Any]) -> Any:
+    """Like `on_root`, where rank 0 may take long and the others have nothing else to do: they sleep. Collective.
+
+    A library of MPI waits with its processors busy, as long as it may take. Here a rank looks every few milliseconds.
+    """
+    if comm.rank > 0:
+        over = comm.Ibarrier()
+        while not over.Test():
+            sleep(BETWEEN_LOOKS)
+
+    def act():
+        try:
+            return action()
+        finally:
+            comm.Ibarrier().Wait()
+
+    return on_root(comm, act)
 
 
 def on_root_beating(comm: Intracomm, action: Callable[[Callable[[], None]], None]) -> None:

@@ -146,10 +146,10 @@ class BondForces:
         if self.bonds.softened:
             self.bonds.softened.add_energies(self.S.reshape(-1), digits)
 
-    def beyond_stretch(self, held: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray | float]:
+    def beyond_stretch(self, held: np.ndarray) -> tuple[np.ndarray, np.ndarray | float]:
         """For `virial`: what the forces of a point's bonds have in common, less what a thermal strain gives them
         (``held``, shape (n_clusters * 4,), or empty), and the energy density that is the point's own."""
-        return (np.empty(0), np.empty(0, np.int16), np.ones((1, 1))), 0.0
+        return np.empty(0), 0.0
 
     def displacements(self) -> np.ndarray:
         """Those of the owned points at the last evaluation, shape (n_owned * 8, 3), dimension length."""

@@ -144,11 +144,6 @@ class Bonds:
         """Part of the stored numbers that are lengths; the others are strengths."""
         return 0.5 if self.finite else 0.0
 
-    @property
-    def of_materials(self) -> tuple[np.ndarray, np.ndarray]:
-        """Materials of the clusters, and the scale of their volumetric part, as kernels take them; empty without."""
-        return self.volumetric.of_bonds if self.volumetric else (np.empty(0, np.int16), np.ones((1, 1)))
-
     def weights_of(self, rows: Rows) -> np.ndarray:
         """Fitted weights of the slots of interior or boundary rows in dilatations; empty where all are 1."""
         part = self.volumetric
@@ -171,7 +166,7 @@ def fictitious_masses(comm, points: Points, bonds: Bonds) -> np.ndarray:
     T, _ = sums_table(points)
     h, growth = stiffening(comm, points, bonds)
     bound = bonds.stiffest * (1.0 + growth)
-    sums, quantum, _ = bonds.sum_over(add_densities, T, bound, points, MAGNITUDES, *bonds.of_materials, h)
+    sums, quantum, _ = bonds.sum_over(add_densities, T, bound, points, MAGNITUDES, h)
     return np.ascontiguousarray((sums * quantum).max(axis=1)).reshape(-1)
 
 

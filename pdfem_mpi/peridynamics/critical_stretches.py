@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from pdfem_mpi.body.lattice_planes import bond_sizes
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import BondLaw, first_stretches, laws_of_bonds
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.kernels.families import CUTOFF_GUARD
 
 #: Critical stretch of bonds that do not break: far above any stretch, and its square is finite.
 UNBREAKABLE = 1e100
@@ -40,7 +40,7 @@ def critical_stretches(scene: Scene, share: Share) -> np.ndarray:
 
     Of bonds that soften it is the stretch at which they begin to.
     """
-    of_materials = first_stretches(scene, share.units.length, share.cutoff / (1.0 + CUTOFF_GUARD))
+    of_materials = first_stretches(scene, *bond_sizes(scene, share))
     material, breaks = _by_class(scene, share)
     stretches = np.where(of_materials < UNBREAKABLE, share.units.numbers(of_materials), UNBREAKABLE)
     critical = stretches[material[:, None], material]
@@ -56,7 +56,7 @@ def bond_laws(scene: Scene, share: Share) -> tuple[list[BondLaw], np.ndarray]:
     which : int64, shape (n_classes, n_classes)
         Of bonds that do not break, any.
     """
-    laws, which = laws_of_bonds(scene, share.units.length, share.cutoff / (1.0 + CUTOFF_GUARD))
+    laws, which = laws_of_bonds(scene, *bond_sizes(scene, share))
     material, breaks = _by_class(scene, share)
     limits = [replace(law.teeth, limit=share.units.numbers(law.teeth.limit)) for law in laws]
     laws = [replace(law, teeth=teeth) for law, teeth in zip(laws, limits, strict=True)]

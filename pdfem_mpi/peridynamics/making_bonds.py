@@ -51,7 +51,7 @@ def bonds_of_scene(
     """
     settings, body_fit = scene.peridynamics, None
     fitted = settings.surface_correction == "fitted"
-    points = with_gaps(scene, share.units, points)
+    points = with_gaps(share, points)
     body = comm, points, share.materials, share.cutoff, scene.kinematics == "finite"
     correction = "virial" if fitted else settings.surface_correction
     bonds, remaining = make_bonds(*body, correction)

@@ -116,14 +116,14 @@ def _weighted_blocks(
 
     ``h`` and ``growth`` are those of `volumetric.stiffening`.
     """
-    bound, stiffer = 2.0 * bonds.stiffest * (1.0 + growth), (*bonds.of_materials, h)
+    bound = 2.0 * bonds.stiffest * (1.0 + growth)
     T, _ = sums_table(points)
     n, halves = 2 * points.n_owned, []
     T[:n, 0] = weight.reshape(-1, W)
     halo_for(points.halo, SCALAR).scatter_forward(T.reshape(-1, 2, 9, W)[:, :, 0:1])
     for mixed in (False, True):
         parity = MIXED_PRODUCTS if mixed else MAGNITUDES
-        sums, quantum, _ = bonds.sum_over(add_weighted_blocks, T, bound, points, parity, mixed, *stiffer)
+        sums, quantum, _ = bonds.sum_over(add_weighted_blocks, T, bound, points, parity, mixed, h)
         halves.append(sums * quantum)
     blocks = np.ascontiguousarray(np.concatenate(halves, axis=1).swapaxes(1, 2).reshape(-1, 6))
     return blocks, 0.5 * quantum * MOST_BONDS

@@ -27,7 +27,7 @@ def thermal_dilatations(comm, points: Points, bonds: Bonds, expansion: np.ndarra
         return np.empty(0)
 
     def add(rows, *numbers):
-        add_thermal_dilatations(*rows.arrays, points.x, expansion, *law.of_bonds, bonds.weights_of(rows), *numbers)
+        add_thermal_dilatations(*rows.arrays, points.x, expansion, bonds.weights_of(rows), *numbers)
 
     sums, quanta = sum_terms(comm, points, bonds, add, 1, SCALAR)
     own = 8 * points.n_owned
@@ -48,11 +48,9 @@ def thermal_bond_forces(comm, points: Points, bonds: Bonds, expansion: np.ndarra
     common : float64, shape (n_clusters * 4,) or (0,)
         Of `thermal_dilatations`.
     """
-    law = bonds.volumetric
-    of_bonds = law.of_bonds if law else (np.empty(0, np.int16), np.ones((1, 1)))
 
     def add(rows, *numbers):
-        add_thermal_forces(*rows.arrays, points.x, expansion, common, *of_bonds, bonds.weights_of(rows), *numbers)
+        add_thermal_forces(*rows.arrays, points.x, expansion, common, bonds.weights_of(rows), *numbers)
 
     sums, quanta = sum_terms(comm, points, bonds, add, 3, VECTOR)
     return sums * quanta[0]

@@ -46,7 +46,7 @@ def bond_stresses(
     points, bonds = forces.points, forces.bonds
     strain = np.empty(0) if expansion is None else expansion
     common, of_points = forces.beyond_stretch(np.empty(0) if held is None else held)
-    state = forces.S.reshape(-1), strain, *common, bonds.finite
+    state = forces.S.reshape(-1), strain, common, bonds.finite
 
     def add(rows, *numbers):
         add_stresses(*rows.arrays, *state, bonds.weights_of(rows), *numbers)

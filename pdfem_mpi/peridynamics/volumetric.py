@@ -80,10 +80,7 @@ class Volumetric:
         ``M = lambda - mu``.
     shear : float64, shape (n_materials,), dimension stress
     factor : float64, shape (n_materials,), dimension 1 / stress
-        ``M / (10 mu)^2``.
-    scale : float64, shape (n_materials, n_materials), dimension 1
-        What the dilatations count the bonds between two materials by: a point counts all by its own modulus, which
-        is in ``factor``, so that it is 1, of shape (1, 1).
+        ``M / (10 mu)^2``: a point counts all of its bonds by its own modulus.
     material : int16, shape (n_clusters,)
         Of the points of each local cluster.
     moments : tuple of Moment
@@ -97,7 +94,6 @@ class Volumetric:
     modulus: np.ndarray
     shear: np.ndarray
     factor: np.ndarray
-    scale: np.ndarray
     material: np.ndarray
     moments: tuple[Moment, ...] = ()
     weights: tuple[np.ndarray, np.ndarray] = (np.empty(0, np.float32), np.empty(0, np.float32))
@@ -107,16 +103,6 @@ class Volumetric:
     def is_weighted(self) -> bool:
         """Whether bonds have fitted weights."""
         return self.weights[0].size > 0
-
-    @property
-    def of_bonds(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the kernels take of it."""
-        return self.material, self.scale
-
-    @property
-    def widest(self) -> float:
-        """Largest ``scale``, times the largest weight."""
-        return float(self.scale.max()) * self.largest_weight
 
     def dilatation(self, q: np.ndarray) -> np.ndarray:
         """``theta`` of the first clusters by their ``q``, shapes (n, 4); 0 where ``M`` is."""
@@ -140,7 +126,6 @@ def volumetric_part(comm, points: Points, materials: MaterialTable) -> Volumetri
         modulus=modulus,
         shear=np.ascontiguousarray(own),
         factor=modulus / (10.0 * own) ** 2,
-        scale=np.ones((1, 1)),
         material=np.repeat(points.material, 2),
     )
 
@@ -219,7 +204,7 @@ def stiffening(comm, points: Points, bonds: Bonds) -> tuple[np.ndarray, float]:
     """``h_i`` of all local points, by which the volumetric part stiffens bonds at most, and the largest. Collective.
 
     By Cauchy and Schwarz ``(sum_j A e)^2 <= S_i sum_j A e^2`` with ``S_i = sum_j A_ij``: for ``M > 0`` the energy is
-    at most that of bonds whose stiffness ``k / r`` has grown by the factor ``1 + s r (h_i + h_j)``,
+    at most that of bonds whose stiffness ``k / r`` has grown by the factor ``1 + r (h_i + h_j)``,
     ``h = M S / (10 mu w)``, times the square of the largest weight. Where ``M < 0`` the part softens.
 
     Returns
@@ -227,7 +212,7 @@ def stiffening(comm, points: Points, bonds: Bonds) -> tuple[np.ndarray, float]:
     h : float64, shape (n_clusters * 4,)
         Empty without a volumetric part.
     largest : float
-        Of ``s r (h_i + h_j)``, on all ranks.
+        Of ``r (h_i + h_j)``, on all ranks.
     """
     part = bonds.volumetric
     if part is None:
@@ -238,17 +223,18 @@ def stiffening(comm, points: Points, bonds: Bonds) -> tuple[np.ndarray, float]:
     h *= part.largest_weight**2
     halo_for(points.halo, SCALAR).scatter_forward(h.reshape(-1, 2, 1, W))
     top = float(largest(comm, np.array([h.max(initial=0.0)]))[0])
-    return h.reshape(-1), 2.0 * part.widest * bonds.cutoff * top
+    return h.reshape(-1), 2.0 * part.largest_weight * bonds.cutoff * top
 
 
 def _family_sums(points: Points, bonds: Bonds) -> np.ndarray:
-    """``sum_j s k_ij / w_i`` and ``sum_j s^2 k_ij r_ij / w_i`` of the owned points. Collective.
+    """``sum_j k_ij / w_i`` and ``sum_j k_ij r_ij / w_i`` of the owned points. Collective.
 
     Of bonds of negative stiffness the magnitudes count. Shape (n_owned_clusters, 2, 4).
     """
     part = bonds.volumetric
     T, _ = sums_table(points)
-    bound = bonds.strongest * max(part.widest, part.widest**2 * bonds.cutoff)
-    sums, quantum, _ = bonds.sum_over(add_family_sums, T, bound, points, MAGNITUDES, *part.of_bonds)
+    widest = part.largest_weight
+    bound = bonds.strongest * max(widest, widest**2 * bonds.cutoff)
+    sums, quantum, _ = bonds.sum_over(add_family_sums, T, bound, points, MAGNITUDES)
     volume = points.volume.reshape(-1, 1, W)[: 2 * points.n_owned]
     return sums[:, :2] * quantum / volume

@@ -50,7 +50,7 @@ class VolumetricForces(BondForces):
 
     def dilatation_bound(self, bound: float) -> float:
         """Bound of a term of the dilatations, from that of `Bounds.bond`."""
-        widest, cutoff = self.law.widest, self.bonds.cutoff
+        widest, cutoff = self.law.largest_weight, self.bonds.cutoff
         if self.tangent:
             return bound * widest * cutoff
         return bound * widest * cutoff * (self.bonds.strongest if self.bonds.finite else cutoff)
@@ -94,7 +94,7 @@ class VolumetricForces(BondForces):
             self.q[:] = 0.0
         else:
             self.S[:, 3:6] = 2.0 * points.x.reshape(-1, 3, W) + self.S[:, 0:3]
-            self._clear(self._largest_e * self.law.widest * self.bonds.cutoff * self.bonds.strongest)
+            self._clear(self._largest_e * self.law.largest_weight * self.bonds.cutoff * self.bonds.strongest)
             for kind, rows in enumerate(self.bonds.rows):
                 sweep = dilatation_sweeps.SWEEPS[True, self.series, False, self.law.is_weighted]
                 shared = *self._dilatation_arguments(kind), np.zeros(2), *for_breaking(self.bonds, None, 0.0)
@@ -115,12 +115,12 @@ class VolumetricForces(BondForces):
         weight = self.points.volume.reshape(-1, W)[: len(material)] * (0.5 * self.law.modulus[material])[:, None]
         add_products((weight * theta).reshape(-1), theta.reshape(-1), digits)
 
-    def beyond_stretch(self, held: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray | float]:
+    def beyond_stretch(self, held: np.ndarray) -> tuple[np.ndarray, np.ndarray | float]:
         """As of `BondForces`: ``q`` of all points, and ``1/2 M theta^2``."""
         q = self.q - held if held.size else self.q
         theta = self.law.dilatation(q.reshape(-1, W)[: 2 * self.points.n_owned])
         modulus = self.law.modulus[self.law.material[: len(theta)]]
-        return (q, *self.law.of_bonds), (0.5 * modulus[:, None] * theta**2).reshape(-1, 8)
+        return q, (0.5 * modulus[:, None] * theta**2).reshape(-1, 8)
 
     def dilatation(self) -> np.ndarray:
         """``theta`` of the owned points at the last evaluation, 0 where ``M`` is; shape (n_owned_clusters, 4)."""
@@ -135,7 +135,7 @@ class VolumetricForces(BondForces):
     def _dilatation_arguments(self, kind: int) -> tuple:
         table = dilatation_sweeps.constants(self._pattern) if self.bonds.finite else self._pattern
         law, rows = self.law, self.bonds.rows[kind]
-        return *rows.arrays, self.S.reshape(-1), self.q, self.qi, table, *law.of_bonds, law.weights[kind]
+        return *rows.arrays, self.S.reshape(-1), self.q, self.qi, table, law.weights[kind]
 
     def _sweep_dilatations(self, kind: int, failure: Failure | None, margin, met, halo=None) -> None:
         """Add the terms of interior (0) or boundary rows to the dilatations of their points; bonds break."""
@@ -144,7 +144,7 @@ class VolumetricForces(BondForces):
             sweep = dilatation_sweeps.CHANGES[self.series, self.law.is_weighted]
             self._call(sweep, len(rows.start) - 1, (*shared, extremes), None, halo)
             size = extremes[0] * self.law.largest_weight
-            met[0] = max(met[0], size / (self.law.widest * self.bonds.cutoff))
+            met[0] = max(met[0], size / (self.law.largest_weight * self.bonds.cutoff))
             return
         sweep = dilatation_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None, self.law.is_weighted]
         shared = (*shared, extremes, *for_breaking(self.bonds, failure, margin))
@@ -159,19 +159,19 @@ class VolumetricForces(BondForces):
         )
         if not self.tangent:  # whose forces are looked at one by one
             strength = 1.0 if self.bonds.finite else 2.0 * self.bonds.stiffest
-            met[0] = max(met[0], 2.0 * law.widest * top * strength)
+            met[0] = max(met[0], 2.0 * law.largest_weight * top * strength)
 
     def _sweep_forces(self, kind: int, met: np.ndarray, halo=None) -> None:
         """Add the forces of interior (0) or boundary rows of bonds."""
         extremes, rows, weighted = np.zeros(2), self.bonds.rows[kind], self.law.is_weighted
-        law = *self.law.of_bonds, self.law.weights[kind]
+        weights = self.law.weights[kind]
         table = self.S.reshape(-1), self.SI.reshape(-1), bond_response.constants(self.pattern)
         if self.tangent:
             sweep = volumetric_sweeps.TANGENTS[self.series, weighted]
-            shared = (*rows.arrays, *table, self.linearised, *law, self.q, extremes)
+            shared = (*rows.arrays, *table, self.linearised, weights, self.q, extremes)
         else:
             sweep = volumetric_sweeps.SWEEPS[self.bonds.finite, self.series, weighted]
-            shared = (*rows.arrays, *table, self.q, *law)
+            shared = (*rows.arrays, *table, self.q, weights)
         self.swept.add(volumetric_sweeps.NAMES[sweep])
         self._call(sweep, len(rows.start) - 1, shared, None, halo)
         met[0] = max(met[0], extremes[0])
@@ -191,7 +191,7 @@ def released(forces: VolumetricForces, comm, broken: Broken) -> np.ndarray:
     law, points = forces.law, forces.points
     n, digits = 2 * points.n_owned, np.zeros(SIZE, np.int64)
     listed = broken.pairs, broken.strengths, forces.S.reshape(-1), forces.bonds.finite
-    terms = dilatations.listed_terms(*listed, *law.of_bonds)
+    terms = dilatations.listed_terms(*listed)
     if broken.share is not None:
         terms *= broken.share
     quantum, _ = pattern_for(float(largest(comm, np.array([np.abs(terms).max(initial=0.0)]))[0]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -14,11 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pdfem_mpi.results import vtkhdf
+from pdfem_mpi.results.history import read_history
 from pdfem_mpi.results.labels import as_it_is, attempt
 from pdfem_mpi.results.ownership import Written
 from pdfem_mpi.results.plots import DPI, LEGEND, SIZE_INCHES, STYLE
 from pdfem_mpi.results.read_frames import frame_numbers
-from pdfem_mpi.results.run_folder import read_history
+from pdfem_mpi.results.run_folder import read_summary
 from pdfem_mpi.system.files import replacing
 
 COLORS = {"stable": "#0072B2", "avalanche": "#D55E00", "work": "#000000"}
@@ -29,6 +31,8 @@ ENERGIES = (
     ("dissipated_energy", "in broken bonds", "#D55E00"),
     ("released_energy", "released by relaxation", "#009E73"),
 )
+#: Rows in equilibrium.
+STABLE = ("critical", "arrest", "step")
 #: A run without failure needs so many rows for a line between them.
 FEWEST_ROWS = 2
 STAGES = 4
@@ -48,7 +52,7 @@ def draw_failure(
     Parameters
     ----------
     folder : str or Path
-        With history.csv and, for the damage, points.vtkhdf.
+        With history.csv and, for the damage, points.vtkhdf; summary.json, if it is there, knows the peak.
     title, length, force : str
         Of the deck; labels only.
     film : bool
@@ -76,7 +80,7 @@ def draw_failure(
         path = written.new(f"figures/{name}")
         drawn.extend(attempt(lambda: how(path, *arguments), path, warn))
 
-    draw("reaction.png", _draw_reaction, history, title, length, force)
+    draw("reaction.png", _draw_reaction, history, title, length, force, find_peak(history, read_summary(folder)))
     if not fails:
         return drawn
     draw("energies.png", _draw_energies, history, title, length, force)
@@ -101,10 +105,29 @@ def _new_figure(title: str) -> Figure:
     return figure
 
 
-def _draw_reaction(path: Path, history: dict, title: str, length: str, force: str) -> Path:
+def find_peak(history: dict[str, np.ndarray], summary: dict[str, Any] | None) -> tuple[float, float] | None:
+    """Displacement and reaction at the peak; None where the last row has it, since it may go on rising.
+
+    Parameters
+    ----------
+    summary : dict or None
+        The content of summary.json, which knows of the states between the rows that were told.
+    """
+    reaction = history["reaction"]
+    known = ((summary or {}).get("failure") or {}).get("peak")
+    if known:
+        return (known["displacement"], known["load"]) if reaction[-1] < (1.0 - 1e-9) * known["load"] else None
+    stable = np.isin(history["event"], STABLE)
+    peak = int(np.argmax(np.where(stable, reaction, -np.inf) if stable.any() else reaction))
+    return (history["displacement"][peak], reaction[peak]) if peak < len(reaction) - 1 else None
+
+
+def _draw_reaction(
+    path: Path, history: dict, title: str, length: str, force: str, peak: tuple[float, float] | None
+) -> Path:
     """Reaction over displacement; equilibria and states within an avalanche have different markers."""
     u, reaction = history["displacement"], history["reaction"]
-    stable = np.isin(history["event"], ("critical", "arrest", "step"))
+    stable = np.isin(history["event"], STABLE)
     with matplotlib.rc_context(STYLE), replacing(path) as temporary:
         figure = _new_figure(title)
         axes = figure.subplots()
@@ -115,11 +138,11 @@ def _draw_reaction(path: Path, history: dict, title: str, length: str, force: st
         ):
             if chosen.any():
                 axes.plot(u[chosen], reaction[chosen], marker, color=color, markersize=4, label=label, linestyle="none")
-        peak = int(np.argmax(np.where(stable, reaction, -np.inf) if stable.any() else reaction))
-        if peak < len(reaction) - 1:  # else it may go on rising
+        if peak:
+            axes.plot(*peak, "o", color=COLORS["stable"], markersize=7, fillstyle="none")
             axes.annotate(
-                f"peak {reaction[peak]:.5g}{' ' + as_it_is(force) if force else ''}",
-                (u[peak], reaction[peak]),
+                f"peak {peak[1]:.5g}{' ' + as_it_is(force) if force else ''}",
+                peak,
                 textcoords="offset points",
                 xytext=(-12, 6),
                 ha="right",

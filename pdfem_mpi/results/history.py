@@ -10,6 +10,8 @@ from typing import Any, Self
 import numpy as np
 
 WALL_SECONDS = "wall_seconds"
+#: The column of history.csv that holds words; all others are numbers.
+WORDS = "event"
 
 
 class History:
@@ -130,6 +132,31 @@ def read_rows(file, path: str | Path, rows: int, size: int | None, sha256: str |
     if sha256 is not None and hashlib.sha256(b"".join(lines)).hexdigest() != sha256:
         raise ValueError(f"{path}: its {rows} rows are not those that were written")
     return lines
+
+
+def read_history(path: str | Path) -> dict[str, np.ndarray]:
+    """The columns of a history.csv: float64 with NaN where a field is empty, and words in the column ``event``.
+
+    Raises
+    ------
+    OSError, ValueError
+        The file cannot be read, or a field is no number.
+    """
+    return read_columns(path, WORDS)
+
+
+def read_columns(path: str | Path, words: str) -> dict[str, np.ndarray]:
+    """The columns of a CSV file: numbers, NaN where a field is empty, but for one column of words."""
+    with Path(path).open(newline="", encoding="utf-8") as file:
+        reader = csv.DictReader(file)
+        rows = list(reader)
+        names = reader.fieldnames or ()
+    return {
+        name: np.array([row[name] for row in rows], str)
+        if name == words
+        else np.array([float(row[name]) if row[name] else np.nan for row in rows])
+        for name in names
+    }
 
 
 def _widened(lines: list[bytes], columns: tuple[str, ...], path: str | Path) -> list[bytes]:

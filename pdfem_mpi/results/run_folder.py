@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from pdfem_mpi.results import vtkhdf
+from pdfem_mpi.results.history import read_columns, read_history
 from pdfem_mpi.results.read_frames import frame_numbers, frame_rows
 from pdfem_mpi.system.plain_files import read_plain
 
-#: The column of history.csv that holds words; all others are numbers.
-WORDS = "event"
 #: A summary has no more bytes.
 MOST_BYTES = 1 << 24
 #: Keys of a summary that are no results of the case, and how names of wall times begin, which go last.
@@ -57,31 +55,6 @@ def numbers_of(summary: dict[str, Any]) -> dict[str, float]:
         if key not in NOT_RESULTS:
             visit(key, value)
     return dict(sorted(found.items(), key=lambda item: item[0].startswith(WALL_TIMES)))
-
-
-def read_history(path: str | Path) -> dict[str, np.ndarray]:
-    """The columns of a history.csv: float64 with NaN where a field is empty, and words in the column ``event``.
-
-    Raises
-    ------
-    OSError, ValueError
-        The file cannot be read, or a field is no number.
-    """
-    return _columns(Path(path), WORDS)
-
-
-def _columns(path: Path, words: str) -> dict[str, np.ndarray]:
-    """The columns of a CSV file: numbers, NaN where a field is empty, but for one column of words."""
-    with path.open(newline="", encoding="utf-8") as file:
-        reader = csv.DictReader(file)
-        rows = list(reader)
-        names = reader.fieldnames or ()
-    return {
-        name: np.array([row[name] for row in rows], str)
-        if name == words
-        else np.array([float(row[name]) if row[name] else np.nan for row in rows])
-        for name in names
-    }
 
 
 @dataclass(frozen=True)
@@ -256,7 +229,7 @@ class RunFolder:
         FileNotFoundError
             The run has no such line.
         """
-        return _columns(self.path / "lines" / f"{name}.csv", "model")
+        return read_columns(self.path / "lines" / f"{name}.csv", "model")
 
     def _frames(self, name: str) -> Frames | None:
         path = self.path / name

@@ -7,17 +7,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.measure.probed import ProbeReader
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import make_load_case
 from pdfem_mpi.model.model import build_model
+from pdfem_mpi.peridynamics.failure import Failure
+from pdfem_mpi.peridynamics.weighted_failure import WeightedFailure
 from pdfem_mpi.runs.read_columns import make_gauges
 from pdfem_mpi.runs.readings import Readings
 from pdfem_mpi.runs.region_watch import RegionWatch
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
-from pdfem_mpi.solvers.preconditioner.coarse_grid import Grid
+from pdfem_mpi.solvers.preconditioner.cycle import Cycle
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 
 Note = Callable[[str], None]
@@ -40,7 +44,7 @@ class Assembly(Readings):
         Who hears remarks of the solver, and who says when to stop.
     observers : list
         Of switches: their ``let_go()`` is called before one, and ``take(simulation)`` after it.
-    kept_grid : Grid or None
+    kept_cycle : Cycle or None
         The preconditioner's, of the intact body, which a switch does not change.
     """
 
@@ -48,12 +52,13 @@ class Assembly(Readings):
     known: dict[str, Any]
     words: tuple[Note, Any]
     observers: list[Any]
-    kept_grid: Grid | None = None
+    kept_cycle: Cycle | None = None
 
     def build(self, share: Share) -> None:
         """Make the equations of a share of the body. Collective."""
         self.model = build_model(self.scene, share, self.comm, self.caches)
-        self.share = replace(share, boundaries=None)  # the whole body goes here
+        # the whole body goes here, and the surface that only bonds of a region to be found are still compared with
+        self.share = replace(share, boundaries=None, surface=share.surface if share.found else np.empty((0, 4, 3)))
         self.case = make_load_case(self.scene, self.share, self.model)
 
     def assemble(self) -> None:
@@ -72,20 +77,44 @@ class Assembly(Readings):
         for observer in self.observers:
             observer.let_go()
         forces = self.forces
-        self.kept_grid = self.solver.preconditioner.grid if self.solver else None
+        self.kept_cycle = self.solver.preconditioner.cycle if self.solver else None
         self.known = {"evaluations": forces.evaluations, "swept": forces.swept, "seconds": forces.seconds}
         self.model = self.case = self.forces = self.failure = self.solver = None
         self.gauges = self.probe_reader = self.region_watch = None
 
+    def weigh_stretches(self, setting: np.ndarray, breaking: np.ndarray) -> None:
+        """Count stretches by weights of single bonds: for studies of criteria, which the program's own are not.
+
+        For brittle bonds on one rank, in linear kinematics, with ``stepping.kind = "steps"`` or ``"events"``; before
+        the first step.
+
+        Parameters
+        ----------
+        setting, breaking : float64, shape (n_bonds,), dimension 1
+            What the stretches of the bonds of `bonds` are multiplied by before they are compared with the critical
+            one: to find the load of the next break, and to break. A load is found by the first, and all bonds break
+            there that do by the second.
+
+        Raises
+        ------
+        ValueError
+        """
+        bonds, failure = self.bonds(), self.failure
+        if type(failure) is not Failure or self.model.finite or self.comm.size > 1:
+            raise ValueError("weights are for brittle bonds that may break, in linear kinematics, on one rank")
+        if not np.shape(setting) == np.shape(breaking) == (len(bonds.points),):
+            raise ValueError(f"there are {len(bonds.points):,} bonds: give as many weights of both kinds")
+        self.failure = WeightedFailure.of(failure, self.model.points, bonds.points, setting, breaking)
+
     def prepare_solver(self, note: Note | None = None, stop_requests: Any = None) -> EquilibriumSolver:
         """Set up the scene's solver for the loads as they are; ``note`` is called with remarks for the user."""
         self.words = note or self.words[0], stop_requests or self.words[1]
-        if self.kept_grid is None:
+        if self.kept_cycle is None:
             solver = make_solver(self.scene, self.share, self.forces, self.case, *self.words)
         else:
-            kept = make_preconditioner(self.share, self.model, self.case, self.forces.bounds, self.kept_grid)
+            kept = make_preconditioner(self.share, self.model, self.case, self.forces.bounds, self.kept_cycle)
             solver = EquilibriumSolver(self.forces, self.case, self.scene.solver, kept, *self.words)
         if self.region_watch:
             solver = replace(solver, look_at_region=self.region_watch.look)
-        self.solver, self.kept_grid = solver, None  # of other supports it would not be the same
+        self.solver, self.kept_cycle = solver, None  # of other supports it would not be the same
         return solver

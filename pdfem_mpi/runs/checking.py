@@ -36,7 +36,7 @@ def check_scene(scene: Scene, comm, ranks: int | None = None, picture: Path | No
     SceneError
         For all that a run would refuse; also when it would not fit into memory.
     """
-    share, need = prepare(scene, comm)
+    share, need, _ = prepare(scene, comm)
     if ranks and ranks > share.counts.cells:
         raise SceneError([too_many_ranks(ranks, share.counts.cells)])
     warm_up(comm, features_of(scene))

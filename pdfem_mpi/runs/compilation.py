@@ -7,6 +7,8 @@ from pkgutil import iter_modules
 from typing import Any
 
 import numba
+from numba.core.registry import cpu_target
+from numba.core.runtime import rtsys
 
 from pdfem_mpi import kernels as package
 from pdfem_mpi.kernels import (
@@ -28,6 +30,7 @@ from pdfem_mpi.kernels import (
     foretold,
     fronts,
     gap_cuts,
+    grid_rows,
     interpolation,
     krylov,
     linear_elements,
@@ -88,6 +91,7 @@ NEEDED_BY = {
     dense.make_orthonormal: {"cg"},
     dense.remove_rows: {"cg"},
     fronts: {"fitted"},
+    grid_rows: {"cg"},
     bond_moments: {"fitted"},
     bond_stresses: {"stresses"},
     bond_tangent: {"finite", "cg"},
@@ -165,13 +169,26 @@ def compile_kernels(features: Collection[str] | None = None, share: int = 0, n_s
     if numba.config.DISABLE_JIT:
         return
     chosen = kernels(features)
+    rtsys.initialize(cpu_target.target_context)  # kernels call it for memory, those from the cache as well
     for kernel in kernels():
         kernel.disable_compile(False)  # those that the new ones call
+        load_past_registries(kernel)
     for kernel in share_out(chosen, n_shares)[share]:
         kernel.compile(tuple(chosen[kernel].args))  # as a call does: the cache keeps an entry with a return type apart
     for kernel, signature in kernels().items():
         if tuple(signature.args) in kernel.signatures:  # one that was only called stays open for other layouts
             kernel.disable_compile()
+
+
+def load_past_registries(kernel: Any) -> None:
+    """Let a kernel that is in the cache be loaded without all that numba needs to compile one.
+
+    Before each load numba brings its compiler up to date: at the first, it imports and registers whatever it can
+    compile, 0.2 to 0.3 s of processor time, a part of it in scipy. Machine code is linked to none of that. A kernel
+    that is not in the cache is compiled as ever, and numba makes up for it then.
+    """
+    cache = kernel._cache
+    cache.load_overload = getattr(cache, "_load_overload", cache.load_overload)
 
 
 def not_compiled(features: Collection[str] | None = None) -> int:

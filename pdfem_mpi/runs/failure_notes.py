@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from pdfem_mpi.body.lattice_planes import bond_sizes
 from pdfem_mpi.body.materials import materials_of
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import laws_of_materials
@@ -66,8 +67,8 @@ def criteria(scene: Scene, share: Share, model: Model) -> dict[str, Criterion]:
     """The criterion of each material that can fail, by name; empty where no bond can."""
     if model.own_energy is None:
         return {}
-    units, ratio = share.units, share.cutoff / (1.0 + CUTOFF_GUARD)
-    laws, softening = laws_of_materials(scene, units.length, ratio), softening_of(scene, share)
+    units = share.units
+    laws, softening = laws_of_materials(scene, *bond_sizes(scene, share)), softening_of(scene, share)
     found = {}
     for name, own in zip(materials_of(scene), model.own_energy, strict=True):
         law = laws.get(name)

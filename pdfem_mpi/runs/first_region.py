@@ -19,6 +19,7 @@ from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.runs.pilot import broken_places
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
+from pdfem_mpi.solvers.preconditioner.cycle import Cycle
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 
 #: Relative residual of the first equilibrium: the places that come out near to breaking are found to some per cent.
@@ -28,8 +29,8 @@ TOLERANCE = 1e-6
 LEAST_CONTRAST = 1.5
 
 
-def first_turning(scene: Scene, share: Share) -> Turning:
-    """Which cells are bonds at the beginning. Collective.
+def first_turning(scene: Scene, share: Share) -> tuple[Turning, Cycle | None]:
+    """Which cells are bonds at the beginning, and what the preconditioner has of the intact body. Collective.
 
     Parameters
     ----------
@@ -42,18 +43,22 @@ def first_turning(scene: Scene, share: Share) -> Turning:
         On all ranks: nothing is stretched, no place stands out, or the pilot run says nothing.
     """
     settings, none = scene.adaptive, np.empty(0, np.int64)
-    places, distance = broken_places(scene, share.comm) if settings.pilot else (None, 0.0)
+    places, distance = broken_places(scene, share) if settings.pilot else (None, 0.0)
     if scene.cracks:  # elements do not know them: what they say near a crack is not so
-        return Turning(none, none, 0.0, places, distance, cracks=True)
-    return Turning(none, _hot_cells(scene, share), max(settings.growth, settings.reach), places, distance)
+        return Turning(none, none, 0.0, places, distance, cracks=True), None
+    hot, cycle = _hot_cells(scene, share)
+    return Turning(none, hot, max(settings.growth, settings.reach), places, distance), cycle
 
 
-def _hot_cells(scene: Scene, share: Share) -> np.ndarray:
+def _hot_cells(scene: Scene, share: Share) -> tuple[np.ndarray, Cycle]:
     """Numbers of the cells that come nearest to breaking, rising, the same on all ranks. Collective."""
     comm, threshold = share.comm, scene.adaptive.threshold_with(scene.peridynamics.surface_correction)
-    foretelling, u = _equilibrium(scene, share)
-    ratio = np.where(share.found.can_turn[foretelling.cells], foretelling.ratios(u, 0.0), 0.0)
-    top = float(largest(comm, np.array([ratio.max(initial=0.0)]))[0])
+    foretelling, u, cycle = _equilibrium(scene, share)
+    turns = share.found.can_turn[foretelling.cells]
+    top = foretelling.most_strained(u, turns)
+    for fraction in (1.0, threshold / LEAST_CONTRAST):  # the largest, then all that are compared with it
+        ratio = foretelling.ratios(u, np.where(turns, fraction * top, np.inf))
+        top = max(top, float(largest(comm, np.array([ratio.max(initial=0.0)]))[0]))
     if not top > 0.0:
         raise SceneError([
             'the load stretches no cell that regions with model = "auto" could turn into bonds: nothing can break. '
@@ -70,11 +75,11 @@ def _hot_cells(scene: Scene, share: Share) -> np.ndarray:
             'which the first bond would break. Use a larger threshold, or describe the body by model = "peridynamics".'
         ])  # fmt: skip
     own = share.mesh.cell_id[foretelling.cells[hot]]
-    return np.unique(np.concatenate(comm.allgather(own)))
+    return np.unique(np.concatenate(comm.allgather(own))), cycle
 
 
-def _equilibrium(scene: Scene, share: Share) -> tuple[Foretelling, np.ndarray]:
-    """What elements alone foretell, and their displacements under the load. Collective."""
+def _equilibrium(scene: Scene, share: Share) -> tuple[Foretelling, np.ndarray, Cycle]:
+    """What elements alone foretell, their displacements under the load, and the preconditioner's cycle. Collective."""
     model = build_model(scene, share, share.comm)
     case, state = make_load_case(scene, share, model), new_state(model)
     forces = Forces(model, state.bounds)
@@ -87,4 +92,4 @@ def _equilibrium(scene: Scene, share: Share) -> tuple[Foretelling, np.ndarray]:
         cg.solve(forces, state, case.forces(factor), case.fixed, TOLERANCE, most, preconditioner)
     except (Breakdown, NotConverged, NotFinite) as error:
         raise SceneError([f"the equilibrium of elements alone was not found, for the first region: {error}"]) from None
-    return Foretelling(scene, share, model), state.u
+    return Foretelling(scene, share, model), state.u, preconditioner.cycle

@@ -21,7 +21,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.parallel.comm import agree, largest, node_communicator, sum_integers
-from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts
+from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts, halved
 from pdfem_mpi.system.process_limits import Limit, group_limit, own_limit
 
 #: Cells of a rank whose families are searched.
@@ -40,13 +40,16 @@ DILATATION_BYTES = 25
 WEIGHT_BYTES = 32
 #: Vectors over the unknowns of a point or node while a load case is made: state, loads, one rigid mode at a time.
 MOTION_BYTES = 330
-#: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model, for a cell; and its
-#: coarse grid, which rank 0 has, for a cell of the grid.
-GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES, GRID_CELL_BYTES = 320, 700, 16_000
+#: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model, for a cell; rows of the
+#: rank's part of the coarse grid, for a node of it, and what rank 0 makes of the last one, for a cell of that.
+GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES, GRID_NODE_BYTES, GRID_CELL_BYTES = 320, 700, 6_000, 16_000
 #: Table, vectors, blocks and multipliers of a point while bond factors are fitted.
 FIT_POINT_BYTES = 1700
 #: Matrix and factors of the fit's grid on every rank, for a cell with points, and at most.
 FIT_GRID_CELL_BYTES, FIT_GRID_BYTES = 8_000, 2e8
+
+#: More than a bond takes, and than a cell takes beside its bonds: what is below with these need not be counted.
+MOST_BOND_BYTES, MOST_CELL_BYTES = 20, 20_000
 
 
 @dataclass(frozen=True)
@@ -96,8 +99,13 @@ def check_mesh(scene: Scene, n_cells: int, comm) -> None:
     _refuse(scene, comm, n_cells * (CELL_BYTES + CELL_PEAK_BYTES), f"the mesh of {n_cells:,} cells")
 
 
-def check_model(scene: Scene, share: Share, comm) -> Need:
+def check_model(scene: Scene, share: Share, comm, held: float = 0.0) -> Need:
     """Refuse a scene whose model and solver would not fit, before they are made. Collective.
+
+    Parameters
+    ----------
+    held : float
+        Bytes that this rank lets go before.
 
     Returns
     -------
@@ -112,8 +120,25 @@ def check_model(scene: Scene, share: Share, comm) -> Need:
     need = estimate(scene, share)
     bonds = sum_integers(comm, np.array([int(need.bonds)]))[0]
     what = f"the scene with about {bonds:.2g} bonds" if bonds else "the scene"
-    _refuse(scene, comm, need.bytes, what)
+    _refuse(scene, comm, max(need.bytes - held, 0.0), what)
     return need
+
+
+def fits(scene: Scene, share: Share, comm) -> bool:
+    """Whether a scene's model and solver fit into memory beside what there is. Collective."""
+    try:
+        check_model(scene, share, comm)
+    except SceneError:
+        return False
+    return True
+
+
+def fits_easily(share: Share, most_bonds: float) -> bool:
+    """Whether a body with at most so many bonds would fit into what is free, had one rank all of it. Collective."""
+    most = MOST_BOND_BYTES * most_bonds + MOST_CELL_BYTES * share.counts.cells
+    limits = [limit.bytes for limit in (group_limit(), own_limit()) if limit]
+    free = min([float(psutil.virtual_memory().available), *limits])
+    return not largest(share.comm, np.array([float(most > free)]))[0]
 
 
 def estimate(scene: Scene, share: Share) -> Need:
@@ -133,12 +158,21 @@ def estimate(scene: Scene, share: Share) -> Need:
     if scene.has_cycle:
         later += 8 * len(subdomain.free) * GRADIENT_POINT_BYTES
         later += (len(cells) + len(subdomain.elements)) * GRADIENT_CELL_BYTES
-        later += float(np.prod(grid_counts(share)[0])) * GRID_CELL_BYTES * (share.comm.rank == 0)
+        later += _of_coarse_grid(share)
     fit = 0.0
     if bonds and scene.peridynamics.surface_correction == "fitted":
         fit = 8 * (len(cells) + len(subdomain.ghosts)) * FIT_POINT_BYTES
         fit += min(FIT_GRID_BYTES, FIT_GRID_CELL_BYTES * share.counts.point_cells)
     return Need(bonds, total + max(later, fit))  # one after the other
+
+
+def _of_coarse_grid(share: Share) -> float:
+    """Bytes of a rank's part of the coarse grid: of the levels that are dealt out as of the body, and of the last."""
+    counts, n_halvings = grid_counts(share)
+    part = np.count_nonzero(share.is_owned) / share.counts.cells
+    dealt_out = sum(float(np.prod(halved(counts, k) + 1)) for k in range(n_halvings))
+    last = float(np.prod(halved(counts, n_halvings))) * (share.comm.rank == 0)
+    return part * dealt_out * GRID_NODE_BYTES + last * GRID_CELL_BYTES
 
 
 def _count_bonds(share: Share, cells: np.ndarray) -> tuple[float, float]:

@@ -53,7 +53,7 @@ def features_of(scene: Scene) -> frozenset[str]:
         "fitted": bonds and settings.surface_correction == "fitted",
         "noise": settings.stiffness_noise > 0.0,
         "cracks": bool(scene.cracks) or getattr(scene.mesh, "doubled_nodes", "") == "crack",
-        "gaps": bonds and bool(getattr(scene.mesh, "remove", ())),
+        "gaps": bonds and scene.mesh.may_have_hollows,
         "damage": scene.output.has_damage,
         "adaptive": scene.is_adaptive,
         "stresses": bonds and bool(scene.output.mechanical),

@@ -88,9 +88,12 @@ class Outputs:
             output.measure(self.place, fields, load_factor)
 
     def close(self) -> None:
-        """Write what belongs to the end; a figure that cannot be drawn is a warning."""
+        """Write what belongs to the end."""
         for output in self.all:
             output.close(self.place)
+
+    def draw(self) -> None:
+        """Draw the figures, after summary.json was written; one that cannot be drawn is a warning."""
         for output in self.all if self.place.scene.output.figures else ():
             attempt(functools.partial(output.draw, self.place), Path(output.figure), self.place.warn)
 

@@ -7,6 +7,7 @@ import os
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from pdfem_mpi.runs.compilation import compile_kernels
 from pdfem_mpi.runs.first_region import first_turning
 from pdfem_mpi.runs.memory_estimate import Need, check_mesh, check_model
 from pdfem_mpi.runs.softening_notes import softening_of
+from pdfem_mpi.solvers.preconditioner.cycle import Cycle
 
 
 def warm_up(comm, features: Collection[str] | None = None) -> None:
@@ -43,7 +45,15 @@ def fit_folders(out: Path) -> tuple[Path, ...]:
     return (out, Path(cache)) if cache else (out,)
 
 
-def prepare(scene: Scene, comm, turned: np.ndarray | None = None) -> tuple[Share, Need]:
+class Prepared(NamedTuple):
+    """A rank's share of a body that fits into memory, what it will need, and what a first region of bonds left."""
+
+    share: Share
+    need: Need
+    cycle: Cycle | None = None
+
+
+def prepare(scene: Scene, comm, turned: np.ndarray | None = None) -> Prepared:
     """This rank's share of a scene that fits into memory, and what it will need. Collective.
 
     Parameters
@@ -57,25 +67,31 @@ def prepare(scene: Scene, comm, turned: np.ndarray | None = None) -> tuple[Share
         On all ranks.
     """
     share = cut_share(scene, comm, None if turned is None else Turning(turned, np.empty(0, np.int64)))
+    cycle = None
     if scene.is_adaptive and turned is None:
-        share = cut_share(scene, comm, first_turning(scene, share))
+        turning, cycle = first_turning(scene, share)
+        share = cut_share(scene, comm, turning, share)
     softening_of(scene, share)  # refuses strengths and energies that do not go with the internal length
-    return share, check_model(scene, share, comm)
+    return Prepared(share, check_model(scene, share, comm), cycle)
 
 
-def cut_share(scene: Scene, comm, turning: Turning | None = None) -> Share:
+def cut_share(scene: Scene, comm, turning: Turning | None = None, before: Share | None = None) -> Share:
     """This rank's share of a scene whose mesh fits into memory; a mesh file is read by rank 0. Collective.
 
     Parameters
     ----------
     turning : Turning, optional
         Which cells are bonds, where the run finds them.
+    before : Share, optional
+        Of the same scene, with bonds elsewhere.
 
     Raises
     ------
     SceneError
         On all ranks.
     """
+    if before and before.found.elements:
+        return share_of(scene, comm, None, turning, before)
     mesh = None
     if isinstance(scene.mesh, FileMesh):
         messages = []

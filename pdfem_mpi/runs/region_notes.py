@@ -25,6 +25,7 @@ def region_summary(simulation: Simulation) -> dict[str, Any] | None:
             "largest": int(program["bonds_largest"]),
         },
         "error": program.get("error"),
+        "error_of_peak": program.get("error_of_peak"),
         "largest_foretold": program.get("foretold"),
         "largest_in_staying_elements": program.get("staying"),
         "switched_energy_over_work": program.get("switched", 0.0) / work if work else None,
@@ -42,6 +43,8 @@ def region_rows(found: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
     yield "switches", f"{found['switches']}"
     if found["error"] is not None:
         yield "error of the first break, about", f"{100.0 * found['error']:+.2g} %"
+    if found["error_of_peak"] is not None:
+        yield "error of the peak, about", f"{100.0 * found['error_of_peak']:+.2g} %"
     if found["switches"] and found["switched_energy_over_work"] is not None:
         yield "energy of switches over work", f"{100.0 * found['switched_energy_over_work']:+.2g} %"
 

@@ -18,6 +18,11 @@ from pdfem_mpi.stepping import Report
 if TYPE_CHECKING:
     from pdfem_mpi.runs.simulation import Simulation
 
+#: A load is a new peak, whose error is worth an estimate, from this many times the one before on.
+RISE = 1.01
+#: The largest foretold stretches are told from this fraction of the critical one on.
+TOLD_FROM = 0.5
+
 
 class RegionTooSmall(Exception):
     """Bonds are needed where there are elements; the state is whole.
@@ -41,18 +46,31 @@ class RegionWatch:
     ----------
     simulation : Simulation
     foretelling : Foretelling
+    damaged : bool, shape (n_cells,)
+        Cells of the share at the ends of the rank's broken bonds, as far as the books were read.
+    entries : int
+        How many of their entries were.
     """
 
     simulation: Simulation
     foretelling: Foretelling
+    damaged: np.ndarray
+    entries: int = 0
 
     @classmethod
     def of(cls, simulation: Simulation) -> RegionWatch:
         """That of a simulation as it is now. Collective."""
-        return cls(simulation, Foretelling(simulation.scene, simulation.share, simulation.model))
+        share = simulation.share
+        none = np.zeros(len(share.cell_owner), bool)
+        return cls(simulation, Foretelling(simulation.scene, share, simulation.model), none)
 
-    def look(self, state: State) -> None:
+    def look(self, state: State, accepted: bool = True) -> None:
         """Compare what is needed with what there is. Collective.
+
+        Parameters
+        ----------
+        accepted : bool
+            The load program takes the state for an equilibrium: how much it foretells is remembered.
 
         Raises
         ------
@@ -65,20 +83,23 @@ class RegionWatch:
         share, comm = simulation.share, simulation.comm
         found, cells = share.found, self.foretelling.cells
         threshold = settings.threshold_with(simulation.scene.peridynamics.surface_correction)
-        ratio = self.foretelling.ratios(state.u, threshold)
-        stays = ~found.can_turn[cells]
-        hot, damaged = cells[(ratio >= threshold) & ~stays], self._damaged()
+        stays, program, damaged = ~found.can_turn[cells], state.program, self._damaged()
+        known, known_of_staying = (program.setdefault(name, 0.0) for name in ("foretold", "staying"))
+        # what is not above these says nothing new
+        new = min(max(known, TOLD_FROM), threshold) if accepted else threshold
+        matters = np.where(stays, max(known_of_staying, TOLD_FROM if accepted else 1.0), new)
+        ratio = self.foretelling.ratios(state.u, matters, self.damaged)
+        hot = cells[(ratio >= threshold) & ~stays]
         missing = np.count_nonzero(found.too_near[hot]) + np.count_nonzero(found.too_near[damaged])
         ends = np.count_nonzero(found.at_the_end[damaged])
         missing, ends = sum_integers(comm, np.array([missing, ends])).tolist()
         tops = np.array([ratio[~stays].max(initial=0.0), ratio[stays].max(initial=0.0)])
         top, staying = largest(comm, tops).tolist()
-        program = state.program
-        program["staying"] = max(program.get("staying", 0.0), staying)
+        top, program["staying"] = max(top, known), max(staying, known_of_staying)
         if ends:
             raise NotConverged(self._describe_end(damaged[found.at_the_end[damaged]]))
         if not missing:
-            program["foretold"] = max(program.get("foretold", 0.0), top)
+            program["foretold"] = top
             return
         seeds = share.mesh.cell_id[np.concatenate([hot, damaged])]
         seeds = np.unique(np.concatenate(comm.allgather(np.unique(seeds))))
@@ -87,21 +108,30 @@ class RegionWatch:
         raise RegionTooSmall(Turning(found.turned, seeds, settings.growth))
 
     def hear(self, report: Report) -> None:
-        """Estimate the error at the first break. Collective."""
+        """Estimate the error at the first break, and at the peak where that is wanted. Collective."""
         program, wanted = self.simulation.state.program, self.simulation.scene.adaptive.widening_check
-        if wanted and report.event == "critical" and not report.broken and "widened" not in program:
-            error = estimate_error(self.simulation, report.reaction)
-            program["widened"] = float(error is not None)
-            if error is not None:
-                program["error"] = error
+        if not wanted or report.event != "critical":
+            return
+        first = not report.broken and "widened" not in program
+        rises = wanted == "peak" and report.reaction > RISE * program.get("widened_at", 0.0)
+        if not (first or rises):
+            return
+        error = estimate_error(self.simulation, report.reaction)
+        program["widened"], program["widened_at"] = float(error is not None), report.reaction
+        for name, is_told in (("error", first), ("error_of_peak", wanted == "peak")):
+            if is_told and error is not None:
+                program[name] = error
+            elif is_told:  # a lower load's says nothing of this one
+                program.pop(name, None)
 
     def _damaged(self) -> np.ndarray:
         """Places in the share of the cells at the ends of the rank's broken bonds; int64."""
         share, failure = self.simulation.share, self.simulation.failure
-        if failure is None:
-            return np.empty(0, np.int64)
-        numbers = np.unique(failure.broken_pairs() // 8 % share.counts.cells)
-        return share.mesh.places_of_cells(numbers)
+        if failure is not None:
+            for pairs in failure.global_pairs[self.entries :]:
+                self.damaged[share.mesh.places_of_cells(np.unique(pairs // 8 % share.counts.cells))] = True
+            self.entries = len(failure.global_pairs)
+        return np.flatnonzero(self.damaged)
 
     def _describe_end(self, places: np.ndarray) -> str:
         """The crack has come to what stays elements. Collective."""

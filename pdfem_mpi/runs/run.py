@@ -38,6 +38,7 @@ from pdfem_mpi.runs.simulation import Simulation
 from pdfem_mpi.runs.stopwatch import phase
 from pdfem_mpi.runs.summary import sha256
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_NOT_WRITTEN, EXIT_STOPPED
+from pdfem_mpi.system.garbage import no_search_for_garbage
 from pdfem_mpi.system.heap import APART_BESIDE_BONDS, large_arrays_apart
 
 
@@ -172,7 +173,7 @@ class Run:
         with phase(self.seconds, "setup"), large_arrays_apart():
             prepared = prepare(scene, comm, read_turned(start, scene, comm))
             if start.path:
-                start.notes += compare(start, identity(scene, prepared[0]), self.options.force)
+                start.notes += compare(start, identity(scene, prepared.share), self.options.force)
             if start.finished and not start.changed:
                 self.reporter.line(f"pdfem: {self.out} is finished already; --set a longer program to go on.")
                 if self.claimed:
@@ -228,4 +229,5 @@ def load_kernels(scene: Scene, comm, reporter: Reporter) -> None:
     features = features_of(scene)
     if missing := on_root(comm, lambda: not_compiled(features)):
         reporter.line(f"compiling {missing} kernels, once on this machine (up to 30 s)")
-    warm_up(comm, features)
+    with no_search_for_garbage():
+        warm_up(comm, features)

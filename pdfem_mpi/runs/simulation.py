@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.loads import Load, Support
 from pdfem_mpi.deck.programs import Steps
 from pdfem_mpi.deck.scene import Scene
@@ -22,9 +21,8 @@ from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS
 from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.runs.assembly import Assembly, ignore
 from pdfem_mpi.runs.history_rows import history_row
-from pdfem_mpi.runs.memory_estimate import Need
 from pdfem_mpi.runs.memory_report import features_of
-from pdfem_mpi.runs.prepare import cut_again, prepare, warm_up
+from pdfem_mpi.runs.prepare import Prepared, cut_again, prepare, warm_up
 from pdfem_mpi.runs.read_columns import make_gauges
 from pdfem_mpi.runs.region_watch import RegionTooSmall, RegionWatch
 from pdfem_mpi.runs.switching import switch
@@ -77,7 +75,7 @@ class Simulation(Assembly):
         scene: Scene,
         comm: Any = None,
         *,
-        prepared: tuple[Share, Need] | None = None,
+        prepared: Prepared | None = None,
         caches: Sequence[Path] = (),
         evaluations: int = 0,
     ):
@@ -86,11 +84,11 @@ class Simulation(Assembly):
         if prepared is None:
             warm_up(self.comm, features_of(scene))
             prepared = prepare(scene, self.comm)
-        self.caches, self.need = caches, prepared[1]
+        self.caches, self.need, self.kept_cycle = caches, prepared.need, prepared.cycle
         self.known = {"evaluations": evaluations}
         self.words = ignore, NO_STOP_REQUESTS
         self.observers = []
-        self.build(prepared[0])
+        self.build(prepared.share)
         self.state = new_state(self.model)
         self.assemble()
 

@@ -49,7 +49,7 @@ def draw_scene(path: Path, scene: Scene, share: Share, model: Model, case: LoadC
             places=places,
             forces=forces,
             cracks=tuple(np.array(crack.corners(mesh.lower, mesh.upper)) for crack in scene.cracks),
-            rank=owners_of_cells(scene, ranks) if ranks else None,
+            rank=owners_of_cells(scene, ranks, share.found and share.found.turned) if ranks else None,
         ),
         scene.title,
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdfem_mpi.body.lattice_planes import bond_sizes
 from pdfem_mpi.body.materials import materials_of
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import laws_of_materials
@@ -33,6 +34,8 @@ class Softening:
         Force after the first limit, over that before it.
     kink : two floats or None, dimension 1
         Stretch over the final one, and force over that at the first limit.
+    energy_of_planes : float, dimension 1
+        Fracture energy of planes of the lattice over that of the bulk: what the drop and the kink make up for.
     longest_internal_length : float, dimension length
         ``l_max``, beyond which the bonds would be brittle.
     process_zone : float, dimension length
@@ -46,6 +49,7 @@ class Softening:
     teeth: int
     drop: float
     kink: tuple[float, float] | None
+    energy_of_planes: float
     longest_internal_length: float
     process_zone: float
     process_zone_cells: float
@@ -55,7 +59,7 @@ def softening_of(scene: Scene, share: Share) -> dict[str, Softening]:
     """The softening of each material that has one, by name; empty where bonds are brittle."""
     if not scene.softens or not share.cutoff:
         return {}
-    laws = laws_of_materials(scene, share.units.length, share.cutoff / (1.0 + CUTOFF_GUARD))
+    laws = laws_of_materials(scene, *bond_sizes(scene, share))
     edge, found = share.average_edge(np.ones_like(share.has_points)), {}
     for name, law in laws.items():
         if law.shape is None:
@@ -63,8 +67,9 @@ def softening_of(scene: Scene, share: Share) -> dict[str, Softening]:
         modulus = materials_of(scene)[name].youngs_modulus
         zone = modulus * law.energy / law.strength**2
         found[name] = Softening(
-            law.first, law.final, len(law.teeth.limit), law.shape.drop, law.shape.kink, law.longest, zone, zone / edge
-        )
+            law.first, law.final, len(law.teeth.limit), law.shape.drop, law.shape.kink, law.planes, law.longest, zone,
+            zone / edge,
+        )  # fmt: skip
     return found
 
 
@@ -72,11 +77,13 @@ def describe_softening(scene: Scene, found: dict[str, Softening]) -> Iterator[tu
     """Names and numbers of each law, as `pdfem check` prints them."""
     unit = f" {scene.units.length}" if scene.units.length else ""
     for name, law in found.items():
-        kink = "" if law.kink is None else f", kink at {law.kink[0]:.3g} s_c and {law.kink[1]:.3g} of the force"
+        drop = "" if law.drop == 1.0 else f", with a drop to {law.drop:.3g} of the force"
+        kink = "" if law.kink is None else f" and a kink at {law.kink[0]:.3g} s_c to {law.kink[1]:.3g} of it"
         yield (
             "bonds soften" + (f", {name}" if len(found) > 1 else ""),
             f"from s_t = {law.first_stretch:.4g} to s_c = {law.final_stretch:.4g} (R = "
-            f"{law.final_stretch / law.first_stretch:.4g}) in {law.teeth} teeth{kink}; internal length up to "
+            f"{law.final_stretch / law.first_stretch:.4g}) in {law.teeth} teeth{drop}{kink}, by which planes of this "
+            f"lattice have G_c in the mean ({law.energy_of_planes:.3g} of it without); internal length up to "
             f"{law.longest_internal_length:.4g}{unit}; process zone {law.process_zone:.4g}{unit}, "
             f"{law.process_zone_cells:.3g} cells, or the ligament",
         )

@@ -16,7 +16,7 @@ from pdfem_mpi import __version__
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.peridynamics.fit.fit import BodyFit
-from pdfem_mpi.results.run_folder import read_history
+from pdfem_mpi.results.history import read_history
 from pdfem_mpi.runs.failure_outcome import failure_outcome, failure_rows
 from pdfem_mpi.runs.march import March
 from pdfem_mpi.runs.notes import Findings

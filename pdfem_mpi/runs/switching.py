@@ -9,7 +9,10 @@ the difference is booked.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,11 +21,13 @@ from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.model.bounds import Bounds
+from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import broadcast, sum_integers
 from pdfem_mpi.parallel.slabs import gather_pairs, redistribute
 from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.peridynamics.clusters import cluster_layout
-from pdfem_mpi.runs.memory_estimate import estimate
+from pdfem_mpi.peridynamics.failure import Failure
+from pdfem_mpi.runs.memory_estimate import Need, check_model, estimate, fits_easily
 from pdfem_mpi.runs.prepare import cut_share
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import arrest
@@ -39,15 +44,15 @@ def switch(simulation: Simulation, turning: Turning) -> None:
     NotConverged
         On all ranks: the region has become too large.
     """
-    state, comm = simulation.state, simulation.comm
+    state = simulation.state
     before = _stored(simulation)
     count_bonds(simulation)
-    share = _wider_share(simulation, turning)
+    share, need = _wider_share(simulation, turning)
     u_points, u_nodes = carry_over(simulation, share)
-    broken = _broken_pairs(simulation, share)
-    books = simulation.failure.dissipated_digits.copy() if simulation.failure else None
-    count, last = (simulation.failure.count, simulation.failure.last_extent) if simulation.failure else (0, None)
+    broken = broken_bonds(simulation, share)
+    books = Books.of(simulation.failure)
     simulation.let_go()
+    simulation.need = need
     simulation.build(share)
     state.fields, state.bounds = {"u": np.zeros(simulation.model.n_unknowns)}, Bounds()
     unknowns = simulation.model.unknowns
@@ -55,13 +60,8 @@ def switch(simulation: Simulation, turning: Turning) -> None:
     unknowns.of_nodes(state.u)[:] = u_nodes
     simulation.assemble()
     solver = simulation.prepare_solver()
-    failure, model = simulation.failure, simulation.model
     if books is not None:
-        failure.restore(comm, model.points, model.bonds, broken, books, count)
-        failure.last_extent = last
-        taken = failure.take()
-        if count:
-            solver.update_after_breaks(taken)
+        books.enter(simulation.model, simulation.failure, broken, solver)
     program = state.program
     arrest.forget(program)
     program["switched"] = program.get("switched", 0.0) + before - _stored(simulation)
@@ -90,13 +90,17 @@ def _stored(simulation: Simulation) -> float:
     return simulation.forces.stored_energy(u)
 
 
-def _wider_share(simulation: Simulation, turning: Turning) -> Share:
-    """The rank's share of the body with more bonds; it may lie elsewhere."""
+def _wider_share(simulation: Simulation, turning: Turning) -> tuple[Share, Need]:
+    """The rank's share of the body with more bonds, which may lie elsewhere, and what memory it takes. Collective.
+
+    Raises
+    ------
+    NotConverged
+        On all ranks.
+    """
     scene, comm, settings = simulation.scene, simulation.comm, simulation.scene.adaptive
-    try:
-        share = cut_share(scene, comm, turning)
-    except SceneError as error:
-        raise NotConverged(f"the region of bonds cannot grow: {' '.join(error.messages)}") from error
+    with _refused():
+        share = cut_share(scene, comm, turning, simulation.share)
     if share.mesh_sha256 != simulation.share.mesh_sha256:
         raise NotConverged(f"mesh.path = {scene.mesh.path} has changed since the run began.")
     bonds = bonds_of(scene, share, settings.max_bonds)
@@ -106,16 +110,33 @@ def _wider_share(simulation: Simulation, turning: Turning) -> Share:
             f"{settings.max_bonds:g} ends the run. Raise it, use larger cells, or let the region grow by less at a "
             "time: adaptive.growth."
         )
-    return share
+    if fits_easily(share, most_bonds(share)):
+        return share, simulation.need
+    with _refused():
+        return share, check_model(scene, share, comm, simulation.need.bytes)
+
+
+@contextmanager
+def _refused() -> Iterator[None]:
+    """What a scene would be refused for ends a run that has begun."""
+    try:
+        yield
+    except SceneError as error:
+        raise NotConverged(f"the region of bonds cannot grow: {' '.join(error.messages)}") from error
 
 
 def bonds_of(scene: Scene, share: Share, matters: float) -> float:
     """Bonds of all ranks, about; a number that is too large where it is below what matters. Collective."""
-    within = (share.cutoff + 2.0 * share.typical_edge) / share.typical_edge
-    most = share.counts.point_cells * 32.0 * 4.0 / 3.0 * math.pi * within**3
+    most = most_bonds(share)
     if most <= matters:
         return most
     return float(sum_integers(share.comm, np.array([int(estimate(scene, share).bonds)]))[0])
+
+
+def most_bonds(share: Share) -> float:
+    """More bonds than the body has."""
+    within = (share.cutoff + 2.0 * share.typical_edge) / share.typical_edge
+    return share.counts.point_cells * 32.0 * 4.0 / 3.0 * math.pi * within**3
 
 
 def carry_over(simulation: Simulation, share: Share) -> tuple[np.ndarray, np.ndarray]:
@@ -131,21 +152,51 @@ def carry_over(simulation: Simulation, share: Share) -> tuple[np.ndarray, np.nda
     return u_points, redistribute(comm, own, u_nodes, nodes, old.counts.mesh_nodes)
 
 
-def _broken_pairs(simulation: Simulation, share: Share) -> np.ndarray:
+@dataclass(frozen=True)
+class Books:
+    """What the books of broken bonds keep at a switch, beside which bonds they are."""
+
+    digits: np.ndarray
+    total: int
+    last_extent: np.ndarray
+    skipped: int
+
+    @classmethod
+    def of(cls, failure: Failure | None) -> Books | None:
+        """Those of the body as it is; None where nothing breaks."""
+        if failure is None:
+            return None
+        total, skipped = getattr(failure, "left", failure.count), getattr(failure, "skipped", 0)
+        return cls(failure.dissipated_digits.copy(), total, failure.last_extent, skipped)
+
+    def enter(self, model: Model, failure: Failure, broken: np.ndarray, solver: Any) -> None:
+        """Break and soften the bonds again, and let the solver, or its preconditioner, know. Collective."""
+        failure.restore(model.comm, model.points, model.bonds, broken, self.digits, self.total)
+        failure.last_extent = self.last_extent
+        if self.skipped:
+            failure.skipped = self.skipped
+        taken = failure.take()
+        if self.total:
+            solver.update_after_breaks(taken)
+
+
+def broken_bonds(simulation: Simulation, share: Share) -> np.ndarray:
     """Ids of the broken bonds with an end in a cell of the new share, int64, shape (n, 2). Collective.
 
-    A bond across a mirror plane has two names, that of either point with the image of the other; which of them is used
-    may change with the region, so both are there.
+    Those that soften are there as well, with their teeth in a third column. A bond across a mirror plane has two names,
+    that of either point with the image of the other; which of them is used may change with the region, so both are
+    there.
     """
     failure, comm, cells = simulation.failure, simulation.comm, share.counts.cells
     pairs = failure.broken_pairs() if failure else np.empty((0, 2), np.int64)
-    owned, found = share.mesh.cell_id[share.is_owned], [np.empty((0, 2), np.int64)]
+    owned, found = share.mesh.cell_id[share.is_owned], [pairs[:0]]
     for some in gather_pairs(comm, pairs, 8 * cells):
         some = broadcast(comm, some)
-        reflection, number = np.divmod(some // 8, cells)
-        point = some % 8
-        other = 8 * (number + cells * reflection[:, ::-1]) + point
-        both = np.unique(np.sort(np.concatenate([some, other]), axis=1), axis=0)
-        here = np.isin(both // 8 % cells, owned).any(axis=1)
+        ids, teeth = some[:, :2], some[:, 2:]
+        reflection, number = np.divmod(ids // 8, cells)
+        other = 8 * (number + cells * reflection[:, ::-1]) + ids % 8
+        both = np.sort(np.concatenate([ids, other]), axis=1)
+        both = np.unique(np.column_stack([both, np.concatenate([teeth, teeth])]), axis=0)
+        here = np.isin(both[:, :2] // 8 % cells, owned).any(axis=1)
         found.append(both[here])
     return np.concatenate(found)

@@ -1,4 +1,4 @@
-"""How far the load of the first break may be off: solved once more with a region that is three times as wide."""
+"""How far the load of the next break may be off: solved once more with a region that is three times as wide."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from pdfem_mpi.model.model import build_model
 from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.model.state import new_state
 from pdfem_mpi.peridynamics.clusters import cluster_layout
+from pdfem_mpi.runs.memory_estimate import fits, fits_easily
 from pdfem_mpi.runs.prepare import cut_share
-from pdfem_mpi.runs.switching import bonds_of, carry_over
+from pdfem_mpi.runs.switching import Books, bonds_of, broken_bonds, carry_over, most_bonds
 from pdfem_mpi.solvers import cg
 from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
@@ -33,9 +34,9 @@ TOLERANCE = 1e-4
 
 
 def estimate_error(simulation: Simulation, own: float) -> float | None:
-    """Relative error of the reaction at which the first bond breaks; above 0 where it is told too high. Collective.
+    """Relative error of the reaction at which the next bond breaks; above 0 where it is told too high. Collective.
 
-    The state is that of the first break, and stays as it is.
+    The state is one in which a bond is about to break, and stays as it is.
 
     Parameters
     ----------
@@ -52,17 +53,21 @@ def estimate_error(simulation: Simulation, own: float) -> float | None:
         return None
     width = 2.0 * max(settings.growth, settings.reach)
     try:
-        share = cut_share(simulation.scene, simulation.comm, Turning(found.turned, found.turned, width))
+        share = cut_share(
+            simulation.scene, simulation.comm, Turning(found.turned, found.turned, width), simulation.share
+        )
     except SceneError:  # bonds would leave no element
         return None
     if bonds_of(simulation.scene, share, settings.max_bonds) > settings.max_bonds:
         return None
-    wider = _reaction_at_break(simulation, share)
-    return None if wider is None or own == 0.0 else OF_THE_CHANGE * (own - wider) / own
+    if not fits_easily(share, most_bonds(share)) and not fits(simulation.scene, share, simulation.comm):
+        return None
+    reaction_of_wider = _reaction_at_break(simulation, share)
+    return None if reaction_of_wider is None or own == 0.0 else OF_THE_CHANGE * (own - reaction_of_wider) / own
 
 
 def _reaction_at_break(simulation: Simulation, share: Share) -> float | None:
-    """Reaction at which the first bond of a wider region breaks. Collective."""
+    """Reaction at which the next bond of a wider region breaks. Collective."""
     scene, factor = simulation.scene, simulation.state.load_factor
     u_points, u_nodes = carry_over(simulation, share)
     model = build_model(scene, share, simulation.comm)
@@ -71,7 +76,9 @@ def _reaction_at_break(simulation: Simulation, share: Share) -> float | None:
     model.unknowns.of_nodes(state.u)[:] = u_nodes
     case.displace(state.u, factor)
     forces, failure = Forces(model, state.bounds), make_failure(scene, share, model)
-    preconditioner, most = make_preconditioner(share, model, case, state.bounds), scene.solver.max_evaluations
+    kept, most = simulation.solver.preconditioner.cycle, scene.solver.max_evaluations
+    preconditioner = make_preconditioner(share, model, case, state.bounds, kept)
+    Books.of(simulation.failure).enter(model, failure, broken_bonds(simulation, share), preconditioner)
     try:
         cg.solve(forces, state, case.forces(factor), case.fixed, TOLERANCE, most, preconditioner)
     except (Breakdown, NotConverged, NotFinite):

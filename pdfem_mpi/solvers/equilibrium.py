@@ -39,7 +39,8 @@ class EquilibriumSolver:
     stop_requests : StopRequests
         Asked between iterations of relaxation, and by the load programs.
     look_at_region : callable
-        Told of the state by the load programs, wherever bonds may be needed where there are none. It may raise.
+        Told of the state by the load programs, wherever bonds may be needed where there are none, and whether it is
+        one that they accept. It may raise.
     """
 
     forces: Forces
@@ -48,7 +49,7 @@ class EquilibriumSolver:
     preconditioner: Preconditioner | None
     note: Callable[[str], None]
     stop_requests: StopRequests | NoStopRequests = NO_STOP_REQUESTS
-    look_at_region: Callable[[State], None] = lambda state: None
+    look_at_region: Callable[..., None] = lambda state, accepted=True: None
 
     def __call__(
         self, state: State, external: np.ndarray, watch: Callable[[Progress], None] = lambda progress: None

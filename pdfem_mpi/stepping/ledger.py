@@ -87,7 +87,7 @@ class Ledger:
     def pause(self) -> None:
         """Keep a checkpoint or stop, if asked to: the books are complete here."""
         self.count()
-        self.solve.look_at_region(self.state)
+        self.solve.look_at_region(self.state, accepted=False)
         self.solve.stop_requests.between(self.state)
 
     def carries_little(self) -> bool:

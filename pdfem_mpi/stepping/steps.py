@@ -15,6 +15,7 @@ from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.parts import find_parts, find_unsupported
 from pdfem_mpi.model.state import State
 from pdfem_mpi.peridynamics.failure import Failure
+from pdfem_mpi.peridynamics.weighted_failure import WeightedFailure
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
 from pdfem_mpi.stepping.report import Report, Reporter
@@ -104,9 +105,14 @@ def break_bonds(
     """
     forces = solve.forces
     residual = np.empty_like(state.u) if residual is None else residual
-    forces.evaluate_surely(state.u, external, residual, failure, margin)
+    by_weights = isinstance(failure, WeightedFailure)  # the sweep does not know them
+    forces.evaluate_surely(state.u, external, residual, None if by_weights else failure, margin)
+    if by_weights:
+        failure.break_at(forces.model.comm, forces.model.points, forces.model.bonds, forces.of_bonds.S, margin)
     count = failure.close(forces.model.comm)
     broken = failure.take()
     if count:
         solve.update_after_breaks(broken)
+    if count and by_weights:
+        forces.evaluate_surely(state.u, external, residual)
     return count

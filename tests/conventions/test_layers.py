@@ -49,17 +49,19 @@ HOMES = {
     "pytest": (),
 }
 # Imports inside functions: MPI starts when imported, the command line prepares the environment first,
-# and only rank 0 loads the libraries of the files that were asked for.
+# and only rank 0 loads the libraries of the files that were asked for, and of tables.
 # Few runs read a mesh file, or seek the law of bonds that soften. Parts of scipy take 0.1 to 0.2 s of processor time on
 # each rank, and few scenes need them.
 LATE_IMPORTS = {
     ("parallel.comm", "mpi4py"),
     ("command.cli", "pdfem_mpi"),
+    ("command.console", "rich"),
     ("command.doctor", "pdfem_mpi.parallel"),
     ("command.folders", "pdfem_mpi"),
     ("command.plotting", "pdfem_mpi"),
     ("results.pictures", "pyvista"),
     ("results.pictures", "vtkmodules"),
+    ("command.world", "pdfem_mpi.body.counts"),
     ("command.world", "pdfem_mpi.parallel"),
     ("runs.restart_point", "pdfem_mpi.results"),
     ("runs.checkpoints", "pdfem_mpi.results"),
@@ -72,22 +74,20 @@ LATE_IMPORTS = {
     ("mesh.exodus", "netCDF4"),
     ("body.boundaries", "scipy"),
     ("body.found_region", "scipy"),
-    ("body.narrow_gaps", "scipy"),
     ("body.softening", "scipy"),
-    ("measure.foretelling", "scipy"),
     ("body.subdomain", "scipy"),
     ("body.traction_opening", "scipy"),
     ("mesh.carving", "scipy"),
     ("mesh.defects", "scipy"),
     ("mesh.doubled", "scipy"),
     ("mesh.faces", "scipy"),
+    ("mesh.formats", "pdfem_mpi.mesh"),
     ("mesh.generators", "scipy"),
     ("mesh.merge", "scipy"),
     ("mesh.nodal_fields", "scipy"),
     ("runs.failure_notes", "scipy"),
-    ("solvers.preconditioner.coarse_grid", "scipy"),
+    ("solvers.preconditioner.grid_stiffness", "scipy"),
     ("solvers.preconditioner.levels", "scipy"),
-    ("solvers.preconditioner.nested_grids", "scipy"),
 }
 PRINTERS = ("command.cli", "command.console", "command.world")
 

@@ -13,9 +13,6 @@ TOOLS, TESTS = ROOT / "tools", ROOT / "tests"
 LINES_IN_TOOLS = 400
 #: Studies may use these, the library of Python, and what stands in tools/studies.
 LIBRARIES = {"numpy", "matplotlib", "meshio", "psutil"}
-#: The one place of tools/studies that reaches into the package, by so many names: rules of failure that it refuses.
-INSIDE = TOOLS / "studies" / "failure_criterion" / "rules.py"
-NAMES_OF_THE_INSIDE = 6
 #: Tests on ranks are started as `tools/check` starts them.
 STAGES = "tools.stages"
 #: Tests of tools, and of the hard cases; no others import tools.
@@ -70,7 +67,7 @@ def test_studies_use_public_names(path):
                 inside += names
             elif modules == ["pdfem_mpi"] and isinstance(node, ast.ImportFrom):
                 inside += set(names) - set(pdfem_mpi.__all__)
-    assert len(inside) <= (NAMES_OF_THE_INSIDE if path == INSIDE else 0), inside
+    assert not inside
 
 
 @pytest.mark.parametrize("path", python_files(TESTS), ids=name)

@@ -34,8 +34,6 @@ EXCEPTIONS = {
     ("results.sketch", "linalg"): DRAWING,
     ("results.whole_body", "einsum"): DRAWING,
     ("results.whole_body", "log10"): DRAWING,
-    ("solvers.preconditioner.levels", "@"): OF_SPARSE,
-    ("solvers.preconditioner.nested_grids", "@"): OF_SPARSE,
 }
 ELEMENTARY = {
     "sin",

@@ -5,10 +5,11 @@ from __future__ import annotations
 from hard.judges import broken, refused, says, snaps_back, softened
 from hard.suite import BAD_DECK, Case
 
-#: s_t = 0.0025 as the decks' critical stretch, and R = 2, 6 and 1.02: G_c = 121.07 (1 + (R - 1) / 2), l = 1.
+#: s_t = 0.0025 as the decks' critical stretch: G_c = 121.07 (1 + (R - 1) / 2) with R = 2 and 6, l = 1; R = 1.02 with
+#: what planes of this lattice take, 0.956 of it.
 SHORT, SOFT, BARE = (
     f"material={{youngs_modulus=1.0e7,tensile_strength=2.5e4,fracture_energy={energy}}}"
-    for energy in (181.6, 423.7, 122.3)
+    for energy in (181.6, 423.7, 116.9)
 )
 EVENTS = 'stepping={kind="events",report_every=10,end_reaction=0.3}'
 ENERGY = 'stepping={kind="events",control="energy",report_every=10,end_reaction=0.3}'
@@ -59,7 +60,7 @@ CASES = (
         "without noise: the box of gone bonds symmetric about x = 10 to 1e-9, ledger to 1e-9",
         softened(mirror=10.0),
         (SOFT, NOISELESS),
-        ("stepping.end_load_factor=0.75",),
+        ("stepping.end_load_factor=0.85",),
     ),
     Case(
         21,
@@ -84,8 +85,8 @@ CASES = (
         "R below 1",
         "thin_plate",
         "refused with the longest internal length",
-        refused(BAD_DECK, "is too long for a strength of 25000", "l <= 0.991"),
-        (*strip(16), "material={youngs_modulus=1.0e7,tensile_strength=2.5e4,fracture_energy=120.0}", EVENTS),
+        refused(BAD_DECK, "is too long for a strength of 25000", "l <= 0.95"),
+        (*strip(16), "material={youngs_modulus=1.0e7,tensile_strength=2.5e4,fracture_energy=110.0}", EVENTS),
     ),
     Case(
         21,

@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import time
 from contextlib import nullcontext
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from pdfem_mpi.parallel import comm as parallel
 from pdfem_mpi.parallel import slabs
 from pdfem_mpi.parallel.comm import (
+    NotWritten,
     agree,
     broadcast,
     check_launcher,
@@ -17,6 +19,7 @@ from pdfem_mpi.parallel.comm import (
     largest,
     node_communicator,
     observing_progress,
+    on_root_at_leisure,
     on_root_beating,
     sum_integers,
 )
@@ -55,6 +58,23 @@ def test_sum_takes_views_narrow_integers_and_empty_arrays(comm):
     np.testing.assert_array_equal(columns, comm.size * table[:, ::2])
     np.testing.assert_array_equal(flags, [comm.size, 0])
     assert nothing.shape == (0, 3)
+
+
+def test_ranks_sleep_while_rank_0_takes_its_time(comm):
+    """Waiting in a collective call of MPI would keep their processors busy."""
+    began, worked = time.perf_counter(), time.process_time()
+    result = on_root_at_leisure(comm, lambda: time.sleep(1.0) or "done")
+    waited, worked = time.perf_counter() - began, time.process_time() - worked
+    assert_all(comm, waited > 0.99 and worked < 0.3, f"{waited:.2f} s, {worked:.2f} s of the processor")
+    assert_all(comm, result == ("done" if comm.rank == 0 else None))
+
+
+def test_all_hear_what_rank_0_could_not_write_at_leisure(comm):
+    def fail():
+        raise OSError(28, "No space left on device", "figure.png")
+
+    with pytest.raises(NotWritten, match=r"figure\.png: cannot be written"):
+        on_root_at_leisure(comm, fail)
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.uint64])

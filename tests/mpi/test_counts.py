@@ -6,6 +6,7 @@ import pytest
 from pdfem_mpi.measure.fields import fields_sha256
 from pdfem_mpi.parallel.comm import broadcast, mpi, sum_integers, world
 from pdfem_mpi.peridynamics.bonds import total_bonds
+from pdfem_mpi.solvers.preconditioner import nested_grids
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from support.bodies import build, make_scene
 from support.failing import followed, numbers, strip
@@ -16,9 +17,9 @@ pytestmark = pytest.mark.mpi
 SCENE = make_scene((8, 2, 2), 4, correction="none", solver="adr", tolerance=0.5)
 
 
-def solved(comm):
+def solved(comm, scene=SCENE):
     """Numbers of bonds and unknowns, evaluations, and the digest of the fields (of rank 0 on all)."""
-    body = build(SCENE, comm)
+    body = build(scene, comm)
     solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
     (row,) = follow_load_program(body.scene, solve, None, body.state, body.case)
     fields = body.fields(body.state.u)
@@ -32,6 +33,17 @@ def test_a_solution_on_many_ranks_is_that_of_one():
     together = solved(comm)
     alone = broadcast(comm, solved(mpi().COMM_SELF) if comm.rank == 0 else None)
     assert_all(comm, together == alone, f"{together} where one rank has {alone}")
+
+
+@pytest.mark.parametrize("most", [100, 30])
+def test_nested_grids_on_many_ranks_are_those_of_one(monkeypatch, most):
+    """Rows of a grid lie with their owners, ranks without any among them; the last grid has eight nodes."""
+    monkeypatch.setattr(nested_grids, "MOST_UNKNOWNS", most)
+    comm = world()
+    scene = make_scene((12, 3, 3), 5, correction="none", solver="cg", tolerance=1e-6)
+    together = solved(comm, scene)
+    alone = broadcast(comm, solved(mpi().COMM_SELF, scene) if comm.rank == 0 else None)
+    assert_all(comm, together == alone and together[2] < 40, f"{together} where one rank has {alone}")
 
 
 def test_integers_are_summed_exactly_over_all_ranks():

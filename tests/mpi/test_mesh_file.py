@@ -9,12 +9,16 @@ import pytest
 
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.removals import RemovedBox
 from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.mesh.carving import carve
 from pdfem_mpi.mesh.generators import box
 from pdfem_mpi.mesh.hexmesh import HexMesh
-from pdfem_mpi.parallel.comm import broadcast
+from pdfem_mpi.parallel.comm import broadcast, mpi
+from pdfem_mpi.parallel.sums import exact_dots
+from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.runs import prepare as preparing
-from support.bodies import make_scene
+from support.bodies import build, make_scene
 from support.helpers import ROOT, assert_all
 from support.mesh_files import write_mesh
 
@@ -55,3 +59,42 @@ def test_a_bad_mesh_is_refused_on_all_ranks(comm):
     if folder:
         folder.cleanup()
     assert_all(comm, len(messages) == 1 and "2 of 2 cells that are wound clockwise" in messages[0], messages)
+
+
+def dented_notch():
+    """A notch one cell wide between cells whose corners are shifted at random; its lower face z = 0 stays plane."""
+    notch = RemovedBox(kind="box", lower=(3.0, 1.0, 0.0), upper=(4.0, 4.0, 9.0))
+    mesh = carve(box((0.0, 0.0, 0.0), (7.0, 4.0, 2.0), (7, 4, 2)), (notch,), ())
+    shift = np.random.default_rng(4).uniform(-0.12, 0.12, mesh.nodes.shape)
+    shift[mesh.nodes[:, 2] == 0.0, 2] = 0.0
+    return HexMesh(mesh.nodes + shift, mesh.cells)
+
+
+def bent(x):
+    """Displacements that differ from bond to bond."""
+    return 0.01 * np.stack([np.sin(x[:, 1]), np.cos(1.3 * x[:, 0]) * x[:, 2], np.sin(x[:, 0] * x[:, 1])], axis=1)
+
+
+def bonds_and_forces(scene, comm):
+    """How many bonds there are, and the squares of all forces at one displacement, summed exactly. Collective."""
+    body = build(scene, comm, loaded=False)
+    force = body.internal(body.of_positions(bent))
+    return total_bonds(comm, body.model.bonds), float(exact_dots(comm, [(force, force)])[0])
+
+
+@pytest.mark.parametrize("symmetry", [(), ("z-",)], ids=["whole", "mirrored"])
+@pytest.mark.parametrize("n_elements", [0, 2])
+def test_bonds_end_at_the_surface_on_any_ranks(comm, symmetry, n_elements):
+    """Each rank sees the faces around its points: the same bonds, with the same forces, as on one rank."""
+    folder = TemporaryDirectory() if comm.rank == 0 else None
+    path = Path(broadcast(comm, folder and folder.name)) / "notch.vtu"
+    if folder:
+        write_mesh(path, dented_notch())
+    comm.Barrier()
+    mesh = FileMesh(path=str(path), spacing=1.0, symmetry=symmetry)
+    scene = make_scene((7, 4, 2), n_elements, loads=(), correction="virial", mesh=mesh)
+    found, expected = bonds_and_forces(scene, comm), bonds_and_forces(scene, mpi().COMM_SELF)
+    comm.Barrier()
+    if folder:
+        folder.cleanup()
+    assert_all(comm, found == expected, (found, expected))

@@ -1,4 +1,4 @@
-"""What an iteration sends: no reduction that grows with the body, and no array of it on any rank but the first.
+"""What an iteration sends and a rank holds: no reduction and no array that grows with the body.
 
 Also run on 8 and 32 ranks, oversubscribed: 216 cells a rank.
 """
@@ -10,19 +10,23 @@ from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.share import share_of
 from pdfem_mpi.body.subdomain import partition
 from pdfem_mpi.kernels.exact_sums import SIZE
-from pdfem_mpi.parallel.comm import sum_integers, world
+from pdfem_mpi.parallel.comm import broadcast, sum_integers, world
 from pdfem_mpi.parallel.slabs import gather_rows
 from pdfem_mpi.parallel.traffic import TRAFFIC, join
-from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts
+from pdfem_mpi.solvers.preconditioner import nested_grids
+from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts, halved
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from support.bodies import build, make_scene
 from support.counting import CountingComm
 from support.helpers import assert_all
+from support.walking import entries_by_path
 
 pytestmark = pytest.mark.mpi
 #: Bytes of the largest reduction: exact sums of twelve dot products at the end of a step, of four in an iteration.
 MOST_BYTES = 12 * 8 * SIZE
+#: Entries of arrays whose number says nothing about the body: numbers of ranks, of materials, of loads.
+FEW = 64
 
 
 def scene_of(ranks, n_elements=0, tolerance=1e-3):
@@ -66,15 +70,84 @@ def test_an_iteration_of_conjugate_gradients_reduces_twice():
     assert_all(counted, more >= 5 and reductions <= 2 * more + 1, f"{reductions} reductions for {more} iterations")
 
 
-def test_the_coarse_grid_is_on_the_first_rank_alone():
+def test_a_small_coarse_grid_is_on_the_first_rank_alone():
     """Others know the grid nodes around their own nodes: as many on any number of ranks."""
     comm = world()
     body = build(scene_of(comm.size), comm)
     grid = make_preconditioner(body.share, body.model, body.case).grid
-    whole = int(sum_integers(comm, np.array([grid.halo.n_owned]))[0])
+    whole = int(sum_integers(comm, np.array([grid.down[0].halo.n_owned]))[0])
     assert_all(comm, whole == np.prod(grid_counts(body.share)[0] + 1), f"{whole} grid nodes are owned")
+    assert_all(comm, not grid.levels and (grid.last.factor is None) == (comm.rank > 0))
     seen = (6 // 2 + 3) * (6 // 2 + 1) ** 2  # of a cube, with the layer on each side
-    assert_all(comm, comm.rank == 0 or (not grid.levels and grid.halo.n_ghost <= seen), f"{grid.halo.n_ghost} seen")
+    assert_all(comm, comm.rank == 0 or grid.down[0].halo.n_ghost <= seen, f"{grid.down[0].halo.n_ghost} seen")
+
+
+@pytest.fixture
+def small_last_grids(monkeypatch):
+    """Grids have several levels, as those of large bodies."""
+    monkeypatch.setattr(nested_grids, "MOST_UNKNOWNS", 300)
+
+
+@pytest.mark.usefixtures("small_last_grids")
+def test_levels_of_the_coarse_grid_are_dealt_out():
+    """Each rank has the nodes of its part of the body, of coarser grids one rank in four, of the last the first."""
+    comm = world()
+    body = build(scene_of(comm.size), comm)
+    grid = make_preconditioner(body.share, body.model, body.case).grid
+    counts, n_halvings = grid_counts(body.share)
+    assert_all(comm, len(grid.levels) == n_halvings)
+    for k, level in enumerate(grid.levels):
+        owned = len(level.nodes)
+        whole = int(sum_integers(comm, np.array([owned]))[0])
+        assert_all(comm, whole == np.prod(halved(counts, k) + 1), f"{whole} nodes of level {k} are owned")
+        most = np.prod(halved(np.array([4, 4, 4]), k) + 1) * min(4**k, comm.size)
+        assert_all(comm, owned <= most and (owned == 0 or comm.rank % 4**k == 0), f"{owned} nodes of level {k}")
+    assert_all(comm, (len(grid.last.nodes) > 0) == (comm.rank == 0))
+
+
+def walked(ranks, n_elements, comm):
+    """Entries of the arrays of a body of so many cubes on as many ranks, the largest at each path. Collective."""
+    body = build(scene_of(ranks, n_elements * ranks, tolerance=0.1), comm)
+    solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
+    list(follow_load_program(body.scene, solve, None, body.state, body.case))
+    found = entries_by_path(share=body.share, forces=body.forces, case=body.case, state=body.state, solve=solve)
+    table = {}
+    for own in comm.allgather(found):
+        for path, n in own.items():
+            table[path] = max(n, table.get(path, 0))
+    return table
+
+
+def at(path, table):
+    """Entries at a path or, where there is none, the most at those that begin like it: a slice takes a list's place."""
+    while path and path not in table:
+        path = path[: max(path.rfind("."), path.rfind("["), 0)]
+        inside = [n for other, n in table.items() if other.startswith(path)]
+        if inside:
+            return max(inside)
+    return table.get(path, 0)
+
+
+#: Paths whose arrays may grow: the last grid, which has so many unknowns at most, and what is in it.
+WHOLE = ".last."
+
+
+@pytest.mark.usefixtures("small_last_grids")
+@pytest.mark.parametrize("n_elements", [0, 6], ids=["bonds", "elements"])
+def test_no_array_grows_with_the_body(n_elements):
+    """Those of four times, or twice, the ranks with as many cells each have at most 1.5 times the entries."""
+    everyone = world()
+    if everyone.size < 8:
+        pytest.skip("inner ranks of a row are alike from four ranks on")
+    few = max(everyone.size // 4, 4)
+    group = everyone.Split(int(everyone.rank >= few))
+    smaller = walked(few, n_elements, group) if everyone.rank < few else {}
+    group.Free()
+    larger = walked(everyone.size, n_elements, everyone)
+    smaller = broadcast(everyone, smaller)
+    grown = {path: (at(path, smaller), n) for path, n in larger.items() if n > 1.5 * at(path, smaller) + FEW}
+    assert_all(everyone, len(larger) > 100, f"{len(larger)} arrays were found")
+    assert_all(everyone, not [path for path in grown if WHOLE not in path], f"{grown}")
 
 
 def test_shares_are_those_that_one_rank_would_cut():

@@ -27,6 +27,8 @@ CORNERS = np.array([(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1,
 GAUSS = np.array([(r, s, t) for t in (-1, 1) for s in (-1, 1) for r in (-1, 1)]) / math.sqrt(3.0)
 #: As the program's: round-off of the cutoff radius decides no bond.
 GUARD = 1e-6
+#: A line is outside of the body if it is so for longer than this part of an edge.
+OUTSIDE = 1e-5
 #: Entries in a row from which on a matrix is solved as a dense one.
 DENSE = 100
 
@@ -100,11 +102,31 @@ def bonds(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if scene.peridynamics.surface_correction != "none":
         raise ValueError("the reference knows bonds without surface correction only")
     pairs = cKDTree(body.x).query_pairs(cutoff * (1.0 + GUARD), output_type="ndarray")
+    pairs = pairs[~_leaves(body, *body.x[pairs].swapaxes(0, 1))]
     i, j = pairs.T
     _, shear = _lame(body)
     r = np.linalg.norm(body.x[j] - body.x[i], axis=1)
     c = 15.0 * np.minimum(shear[i], shear[j]) / (math.pi * length**4)  # 9 k / (pi l^4) at a Poisson's ratio of 1/4
     return i, j, c * np.exp(-((r / length) ** 2)) * body.volume[i] * body.volume[j]
+
+
+def _leaves(body: Body, p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Whether the straight lines from p to q, (n, 3), leave the body, where its cells are boxes; bool, shape (n,).
+
+    Boxes share no inside, so what they hold of a line adds up. Bodies of other cells are convex in these tests.
+    """
+    mesh = body.discretization.mesh
+    corners = mesh.nodes[mesh.cells]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    if not (np.isclose(corners, low[:, None]) | np.isclose(corners, high[:, None])).all():
+        return np.zeros(len(p), bool)
+    way = q - p
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inside = np.zeros(len(p))
+        for a, b in zip(low, high, strict=True):
+            enters, leaves = np.sort([(a - p) / way, (b - p) / way], axis=0)
+            inside += np.maximum(np.minimum(leaves.min(axis=1), 1.0) - np.maximum(enters.max(axis=1), 0.0), 0.0)
+    return np.linalg.norm(way, axis=1) * (1.0 - inside) > OUTSIDE * mesh.average_edge
 
 
 def _lame(body: Body) -> tuple[np.ndarray, np.ndarray]:

@@ -104,6 +104,9 @@ def test_bending_without_a_mesh_file_is_that_with_one(tmp_path):
     )
     _, other = solved(FileMesh(path=str(tmp_path / "beam.vtu")), supports)
     assert forces(row) == pytest.approx(forces(other), rel=1e-6)
+    _, row = solved(BoxMesh(**BEAM, remove=(NOTCH,)), ROLLERS, model="peridynamics")
+    _, other = solved(FileMesh(path=str(tmp_path / "beam.vtu"), spacing=0.25), ROLLERS, model="peridynamics")
+    assert forces(row) == forces(other)  # the same bonds: the notch is narrower than they are long
 
 
 def test_a_roller_is_no_clamp():

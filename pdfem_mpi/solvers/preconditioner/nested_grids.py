@@ -1,23 +1,18 @@
-"""Grids over a body, and coarser ones below them down to one that can be factorised."""
+"""Grids over a body, and coarser ones below them down to one that is small enough for its factors."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.mesh.background_grid import CORNERS
-from pdfem_mpi.solvers.preconditioner.levels import DAMPING, Level, factorise
-
-if TYPE_CHECKING:
-    from scipy import sparse
 
 #: Spacing of the grid in cell edges; of bodies with more cells than that, the wider one: a third of the grid's work and
 #: memory for one or two iterations more (docs/scaling.md).
 COARSENING, WIDER, MANY_CELLS = 2.0, 3.0, 50_000
-#: Most entries of the factor, unknowns times half a band: 4 bytes each on rank 0, and 8 more while it is made.
-MOST_FILL = 2.5e7
+#: Most unknowns of the last grid, which rank 0 has and factorises, and entries of its factor, 4 bytes each: a solve
+#: takes about a millisecond, while the other ranks wait.
+MOST_UNKNOWNS, MOST_FILL = 10_000, 2.5e6
 
 
 def grid_counts(share: Share) -> tuple[np.ndarray, int]:
@@ -25,74 +20,62 @@ def grid_counts(share: Share) -> tuple[np.ndarray, int]:
     spacing = share.typical_edge * (WIDER if share.counts.cells > MANY_CELLS else COARSENING)
     counts = np.maximum(1, np.rint((share.upper - share.lower) / spacing)).astype(np.int64)
     n_halvings = 0
-    while _fill(_halved(counts, n_halvings)) > MOST_FILL:
+    while not _is_small(halved(counts, n_halvings)):
         n_halvings += 1
     return _nested(counts, n_halvings), n_halvings
 
 
-def nested_levels(number: np.ndarray, matrix, counts: np.ndarray, n_halvings: int) -> tuple[Level, ...]:
-    """Levels from the finest grid to the one that is factorised."""
-    levels = []
-    for _ in range(n_halvings):
-        below, prolongation = _prolongation(number, counts)
-        levels.append(Level(None, matrix.tocsr(), DAMPING / matrix.diagonal(), prolongation))
-        matrix = prolongation.T @ matrix @ prolongation
-        number, counts = below, _halved(counts, 1)
-    levels.append(Level(factorise(matrix, number, counts)))
-    return tuple(levels)
+def _is_small(counts: np.ndarray) -> bool:
+    """Whether a grid can be the last: half the band of its factor is set by the two shorter axes."""
+    nodes = np.sort(counts + 1)
+    unknowns = 3 * int(np.prod(nodes))
+    return unknowns <= MOST_UNKNOWNS and 3.0 * unknowns * float(nodes[0] * nodes[1]) <= MOST_FILL
 
 
-def _halved(counts: np.ndarray, times: int) -> np.ndarray:
+def halved(counts: np.ndarray, times: int = 1) -> np.ndarray:
     """Cells along each axis of the grid ``times`` levels coarser; an axis of one cell stays."""
     for _ in range(times):
         counts = (counts + 1) // 2
     return counts
 
 
-def _nested(counts: np.ndarray, times: int) -> np.ndarray:
-    """The next larger counts that can be halved so often, where they are not 1."""
-    coarsest = _halved(counts, times)
-    return np.where(counts == 1, 1, coarsest * 2**times)
+def ratio_of(counts: np.ndarray) -> np.ndarray:
+    """Cells along each axis in one of the next coarser grid: 2, or 1 where there is but one; int64, shape (3,)."""
+    return np.where(counts == halved(counts), 1, 2)
 
 
-def _fill(counts: np.ndarray) -> float:
-    """Entries of the factor: unknowns times half the band, which the two shorter axes set."""
-    nodes = np.sort(counts + 1).astype(float)
-    return 9.0 * float(np.prod(nodes)) * nodes[0] * nodes[1]
+def number_in(counts: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """Numbers of the cells with these indices, (n, 3), among so many along the axes; int64, shape (n,)."""
+    return (index[:, 0] * counts[1] + index[:, 1]) * counts[2] + index[:, 2]
 
 
-def _prolongation(number: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, sparse.csr_array]:
+def coarser_nodes(nodes: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Trilinear interpolation from the grid of half the cells.
 
     Parameters
     ----------
-    number : int64, shape (n_grid_nodes,)
-        Numbers of the grid nodes in use, -1 elsewhere.
+    nodes : int64, shape (n_nodes,)
+        Numbers of nodes of the grid with so many cells along the axes.
     counts : int64, shape (3,)
 
     Returns
     -------
-    number : int64, shape (n_coarser_grid_nodes,)
-    prolongation : sparse, shape (n_unknowns, n_coarser_unknowns)
+    corners : int64, shape (n_nodes, 8)
+        Numbers of nodes of the coarser grid; one without weight is named again in place of one beside the body.
+    weights : float64, shape (n_nodes, 8)
     """
-    from scipy import sparse
-
-    coarser = _halved(counts, 1)
-    ratio = np.where(counts == coarser, 1, 2)
-    index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
+    ratio = ratio_of(counts)
+    index = np.stack(np.unravel_index(nodes, counts + 1), axis=1)
     base, odd = index // ratio, index % ratio
-    rows, columns, weights = [], [], []
-    for corner in CORNERS:
-        # an odd node lies half-way between two coarser ones, an even one on one of them
-        used = ((corner == 0) | (odd == 1)).all(axis=1)
-        node = base[used] + corner
-        rows.append(np.flatnonzero(used))
-        columns.append((node[:, 0] * (coarser[1] + 1) + node[:, 1]) * (coarser[2] + 1) + node[:, 2])
-        weights.append(np.prod(np.where(odd[used] == 1, 0.5, 1.0), axis=1))
-    columns = np.concatenate(columns)
-    below = np.full(int(np.prod(coarser + 1)), -1)
-    below[np.unique(columns)] = np.arange(len(np.unique(columns)))
-    scalar = sparse.coo_array(
-        (np.concatenate(weights), (np.concatenate(rows), below[columns])), shape=(len(index), int(below.max()) + 1)
-    )
-    return below, sparse.csr_array(sparse.kron(scalar, sparse.eye_array(3)))
+    # an odd node lies half-way between two coarser ones, an even one on one of them
+    corners = [number_in(halved(counts) + 1, base + corner * odd) for corner in CORNERS]
+    weights = [np.prod(np.where(odd == 1, 0.5, 1.0 - corner), axis=1) for corner in CORNERS]
+    return np.stack(corners, axis=1), np.stack(weights, axis=1)
+
+
+def _nested(counts: np.ndarray, times: int) -> np.ndarray:
+    """The next larger counts that can be halved so often, or down to 1."""
+    for axis, count in enumerate(counts):
+        whole = 2 ** min(times, int(count - 1).bit_length())
+        counts = np.where(np.arange(3) == axis, -(-count // whole) * whole, counts)
+    return counts

@@ -23,18 +23,16 @@ from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import LoadCase
 from pdfem_mpi.model.model import Model, build_intact_elements
 from pdfem_mpi.model.restraints import tie
-from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.failure import Broken
 from pdfem_mpi.peridynamics.point_blocks import PointBlocks, point_blocks
 from pdfem_mpi.solvers.preconditioner.blocks import inverted, node_blocks, softest, with_springs
-from pdfem_mpi.solvers.preconditioner.coarse_grid import Grid, make_grid
-from pdfem_mpi.solvers.preconditioner.smoothing import damping
+from pdfem_mpi.solvers.preconditioner.coarse_grid import Grid
+from pdfem_mpi.solvers.preconditioner.cycle import Cycle, make_cycle, stiffest_around
 
 #: Weight of the blocks beside the cycle.
 OMEGA = 0.8
-#: Fixed components are held on the grid by springs this much stiffer than the stiffest node.
-SPRING = 10.0
 
 
 @dataclass
@@ -60,10 +58,7 @@ class Preconditioner:
     own_nodes : int32, shape (n_owned_nodes,)
         Its local nodes that are the scene's own.
     fixed : bool, shape (n_cycle_unknowns,)
-    cycle_blocks : float64, shape (n_cycle_nodes, 6)
-    damping : float
-        Weight of the cycle's blocks.
-    grid : Grid
+    cycle : Cycle
     """
 
     model: Model
@@ -76,9 +71,12 @@ class Preconditioner:
     cells: np.ndarray
     own_nodes: np.ndarray
     fixed: np.ndarray
-    cycle_blocks: np.ndarray
-    damping: float
-    grid: Grid
+    cycle: Cycle
+
+    @property
+    def grid(self) -> Grid:
+        """The coarse level."""
+        return self.cycle.grid
 
     @cached_property
     def held(self) -> np.ndarray:
@@ -146,14 +144,14 @@ class Preconditioner:
         Its result times ``scale`` is written to the rows of the owned nodes.
         """
         right, x, residual = (np.empty(len(self.fixed)) for _ in range(3))
-        cycle.start_cycle(sums, quantum, self.fixed, self.cycle_blocks, self.damping, right, x)
+        cycle.start_cycle(sums, quantum, self.fixed, self.cycle.blocks, self.cycle.damping, right, x)
         self._residual(x, right, residual)
         met = self.forces.met.copy()
         self.grid.add_correction(residual, quantum, x)
         x[self.held] = 0.0
         self._residual(x, right, residual)
         np.maximum(met, self.forces.met, out=self.forces.met)
-        cycle.finish_cycle(self.cycle_blocks, self.damping, residual, x, scale, correction)
+        cycle.finish_cycle(self.cycle.blocks, self.cycle.damping, residual, x, scale, correction)
 
     def _residual(self, x, right, residual):
         self.forces.evaluate(x, right, residual)
@@ -161,7 +159,7 @@ class Preconditioner:
 
 
 def make_preconditioner(
-    share: Share, model: Model, case: LoadCase, bounds: Bounds | None = None, kept: Grid | None = None
+    share: Share, model: Model, case: LoadCase, bounds: Bounds | None = None, kept: Cycle | None = None
 ) -> Preconditioner:
     """Set up all levels. Collective.
 
@@ -169,11 +167,12 @@ def make_preconditioner(
     ----------
     bounds : Bounds, optional
         Of the state, where the bounds of the cycle are kept.
-    kept : Grid, optional
-        Of the same body with the same supports, with bonds elsewhere.
+    kept : Cycle, optional
+        Of the same body and supports, with bonds elsewhere.
     """
     bounds = Bounds() if bounds is None else bounds
-    intact = build_intact_elements(share, model)
+    same = kept is not None and kept.is_of(share)
+    intact = kept.intact if same else build_intact_elements(share, model)
     local, cells = local_nodes(share, intact.subdomain), share.mesh.cells
     unknowns, of_points, values = model.unknowns, None, None
     blocks, around, held = [], np.empty((0, 8), np.int32), np.zeros((len(intact.nodes.number), 3), np.int64)
@@ -192,10 +191,9 @@ def make_preconditioner(
         np.add.at(held, around.reshape(-1), np.repeat(fixed_points, 8, axis=0))
     own_nodes = np.empty(0, np.int32)
     if model.nodes:
-        fixed_nodes = unknowns.of_nodes(case.fixed)
-        own = model.subdomain.owned_nodes
+        fixed_nodes, own = unknowns.of_nodes(case.fixed), model.subdomain.owned_nodes
         of_nodes = node_blocks(model, values)
-        stiffest = _stiffest_around(share, share.has_nodes)[own]
+        stiffest = stiffest_around(share, share.has_nodes)[own]
         held_nodes = with_springs(of_nodes, springs, slice(n, None))
         blocks.append(inverted(held_nodes, fixed_nodes, softest(model.comm, of_nodes, stiffest)))
         own_nodes = local[own]
@@ -203,8 +201,10 @@ def make_preconditioner(
     intact.nodes.halo.scatter_reverse(held)
     fixed = held[: intact.nodes.n_owned] > 0
     fixed.reshape(-1)[intact.rollers] = True
-    cycle_forces = Forces(intact, bounds.part("cycle"))
-    cycle_blocks, held_by, spring = _blocks_of_cycle(share, intact, fixed)
+    if same and kept.holds(fixed):
+        cycle, cycle_forces = kept, kept.forces(bounds.part("cycle"))
+    else:
+        cycle, cycle_forces = make_cycle(share, intact, case, fixed, bounds.part("cycle"), kept and kept.grid)
     return Preconditioner(
         model=model,
         of_points=of_points,
@@ -216,38 +216,5 @@ def make_preconditioner(
         cells=around,
         own_nodes=own_nodes,
         fixed=fixed.reshape(-1),
-        cycle_blocks=cycle_blocks,
-        damping=damping(cycle_forces, cycle_blocks, fixed.reshape(-1)),
-        grid=make_grid(intact, share, held_by, spring, case.untied_motions, kept),
+        cycle=cycle,
     )
-
-
-def _blocks_of_cycle(share: Share, intact: Model, fixed: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Inverse blocks of the intact model, and how stiff its nodes are held on the grid. Collective.
-
-    Parameters
-    ----------
-    fixed : bool, shape (n_nodes, 3)
-
-    Returns
-    -------
-    blocks : float64, shape (n_nodes, 6)
-    held_by : float64, shape (n_nodes, 3)
-        Over the last: 1 of what is fixed, and that of springs.
-    spring : float, dimension force / length
-    """
-    blocks = node_blocks(intact, None)
-    modulus = _stiffest_around(share, np.ones(len(share.mesh.cells), bool))[intact.subdomain.owned_nodes]
-    spring = SPRING * float(largest(intact.comm, np.array([blocks[:, :3].max(initial=0.0)]))[0])
-    springs = intact.springs and intact.springs.rows(intact.unknowns)
-    limits = softest(intact.comm, blocks, modulus)
-    held_by = fixed.astype(float) if springs is None else np.where(fixed, 1.0, springs / spring)
-    return inverted(with_springs(blocks, springs, slice(None)), fixed, limits), held_by, spring
-
-
-def _stiffest_around(share: Share, chosen: np.ndarray) -> np.ndarray:
-    """Largest Young's modulus of the chosen cells at each node of the share; float64, shape (n_nodes,)."""
-    around = np.zeros(len(share.nodes))
-    for corner in share.mesh.cells[chosen].T:
-        np.maximum.at(around, corner, share.youngs_modulus[chosen])
-    return around

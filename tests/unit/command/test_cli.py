@@ -108,6 +108,7 @@ def run_on_two(*arguments, **additions):
         (["check", "LICENSE"], "this is not a TOML file"),
         (["run", DECK, "--set", "mesh.spacing=0.07"], "mesh.spacing = 0.07 does not divide"),
         (["run", DECK, "-n", "2", "--set", "mesh.spacing=0.07"], "mesh.spacing = 0.07 does not divide"),
+        (["run", DECK, "-n", "101", "--set", "mesh.spacing=0.4"], "101 ranks cannot share 25 cells. Use at most 25"),
         (["check", DECK, "--set", "mesh.spacing"], "must read key.path=value"),
     ],
 )
@@ -116,6 +117,7 @@ def test_bad_input_exits_64_with_one_sentence(arguments, part):
     lines = messages(result)
     assert result.returncode == 64
     assert len(lines) == 1 and part in lines[0], lines
+    assert not result.stdout  # no launcher either
 
 
 def test_all_problems_of_a_deck_are_printed():

@@ -52,7 +52,7 @@ def test_auto_is_one_region_and_a_table():
         ("coupling.kind=paper_a", 'coupling.kind = "paper_a" does not go with'),
         ("peridynamics.kinematics=finite", 'peridynamics.kinematics = "finite" does not go with'),
         ("material.poissons_ratio=0.3", "material.poissons_ratio = 0.3 is not 0.25"),
-        ("material.tensile_strength=1.0", "material is of bonds that soften"),
+        ('adaptive.widening_check="end"', "adaptive.widening_check"),
         ("adaptive.growth=1.2", "adaptive.growth = 1.2 is not above reach = 1.5"),
         ("adaptive.threshold=3.0", "adaptive.threshold = 3"),
         ("adaptive.pilot_distance=3.0", "adaptive.pilot_distance = 3"),
@@ -60,13 +60,19 @@ def test_auto_is_one_region_and_a_table():
     ],
 )
 def test_what_does_not_go_with_it_is_refused_by_name(override, words):
-    overrides = [override]
-    if "tensile" in override:
-        overrides += ["material.fracture_energy=0.01"]
-    text = SOUND.replace("critical_stretch = 0.002\n", "") if "tensile" in override else SOUND
-    if "region=" in override:
-        text = text.replace('face = "x-"\n', "")
-    assert words in refused(*overrides, text=text)
+    text = SOUND.replace('face = "x-"\n', "") if "region=" in override else SOUND
+    assert words in refused(override, text=text)
+
+
+def test_the_default_kinematics_are_refused_with_what_to_write():
+    said = refused(text=SOUND.replace('kinematics = "linear"\n', ""))
+    assert 'peridynamics.kinematics is "finite" where it is not given' in said
+    assert 'Set it to "linear"' in said
+
+
+def test_bonds_that_soften_may_be_found():
+    text = SOUND.replace("critical_stretch = 0.002\n", "tensile_strength = 2.0\nfracture_energy = 0.02\n")
+    assert parse_deck(text, "deck").softens
 
 
 def test_ties_of_an_automatic_region_are_refused():

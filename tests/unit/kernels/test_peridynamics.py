@@ -636,7 +636,7 @@ def densities(shares, bound):
     """Sums of eq. 11 over the bonds of all parts, as integers; and the quantum."""
     quantum, pattern = pattern_for(bound)
     total = np.zeros((sum(8 * share.points.n_owned for share in shares), 3), np.int64)
-    bonds_alone = np.empty(0, np.int16), np.ones((1, 1)), np.empty(0)  # nothing stiffens them
+    bonds_alone = np.empty(0)  # nothing stiffens them
     for share in shares:
         S = np.zeros((share.points.n_clusters, 9, W))
         S[:, 3:6] = share.points.x.reshape(-1, 3, W)
@@ -644,7 +644,7 @@ def densities(shares, bound):
         SI = S.view(np.int64).reshape(-1)
         point_table.reset_forces(SI, terms, integer_bits(pattern))
         for rows in share.bonds.rows:
-            bond_densities.add_densities(*rows.arrays, S.reshape(-1), SI, pattern, share.bonds.finite, *bonds_alone)
+            bond_densities.add_densities(*rows.arrays, S.reshape(-1), SI, pattern, share.bonds.finite, bonds_alone)
         np.add.at(total, share.point, table_rows(S.view(np.int64), 6))
     return total, quantum
 

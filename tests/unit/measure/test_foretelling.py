@@ -49,9 +49,11 @@ def test_ratios_are_those_of_all_pairs(symmetry):
     found = foretelling.ratios(u, 0.0)
     assert np.count_nonzero(asked) > 40
     np.testing.assert_allclose(found, expected, atol=ROUNDED)
-    # cells that are not worth a look are those that stretch little
-    rough = foretelling.ratios(u, 0.8)
-    assert ((rough == found) | (found < 0.8)).all()
+    # what is not above the least does not matter, and is told as 0
+    least = np.median(found[asked])
+    some = foretelling.ratios(u, least)
+    np.testing.assert_array_equal(some, np.where(found > least - ROUNDED, found, 0.0))
+    assert foretelling.most_strained(u, asked) > least
 
 
 def test_no_bond_is_foretold_across_a_notch():
@@ -64,3 +66,15 @@ def test_no_bond_is_foretold_across_a_notch():
     assert ratio[low].max() < 1e-6
     assert ratio.max() > 10.0
 
+
+def test_what_is_beyond_damage_is_looked_at():
+    """Two halves that part: no cell is strained, and bonds from one to the other are stretched without limit."""
+    simulation = Simulation(plate(remove=(), cracks=CRACK), mpi().COMM_SELF)
+    share, foretelling = simulation.share, simulation.region_watch.foretelling
+    x = share.mesh.centroids[:, 0]
+    torn = np.abs(x - 9.0) < 1.0
+    simulation.displace(lambda place: np.where(place[:, :1] > 9.0, [[1.0, 0.0, 0.0]], 0.0))
+    beside = ~share.found.is_turned[foretelling.cells] & (np.abs(x[foretelling.cells] - 9.0) < 1.0)
+    found = foretelling.ratios(simulation.state.u, 1.0, torn)
+    assert np.count_nonzero(beside) > 2
+    assert (found[beside] > 100.0).all()

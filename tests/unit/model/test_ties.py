@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.deck.loads import Force, Support, Traction
+from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.restraints import Tie
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
@@ -71,6 +72,19 @@ def test_a_tie_holds_the_motions_that_it_does_not_follow():
     body = build(Scene.model_validate({**dict(scene), "ties": (Tie(face="x+", along=("x",)),)}))
     assert len(body.case.free_motions) == 4 and len(body.case.untied_motions) == 6
     assert np.abs(body.case.free_motions[:, [4, 5]]).max() < 1e-9
+
+
+def test_a_tie_holds_no_part_that_moves_with_it():
+    """Half of a bar that a crack cuts off: the tie on its end keeps it from turning about y and z, and no more."""
+    crack = {"cracks": (Crack(polygon=((8.0, -1.0, -1.0), (8.0, 9.0, -1.0), (8.0, 9.0, 9.0), (8.0, -1.0, 9.0))),)}
+    scene = make_scene((12, 3, 2), 0, loads=(), supports=WALL)
+    tables = crack | {"ties": (Tie(face="x+", along=("x",)),)}
+    body = build(Scene.model_validate({**dict(scene), **tables}))
+    (part,) = body.case.unsupported
+    assert len(part.motions) == 4
+    assert np.abs(part.motions[:, [4, 5]]).max() < 1e-9
+    (both,) = build(Scene.model_validate({**dict(scene), **crack})).case.unsupported
+    assert len(both.motions) == 6
 
 
 def test_the_states_of_a_tied_beam_are_in_balance():

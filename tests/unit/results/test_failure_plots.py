@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.results import vtkhdf
-from pdfem_mpi.results.failure_plots import _Layer, draw_failure, stages
+from pdfem_mpi.results.failure_plots import _Layer, draw_failure, find_peak, stages
 
 COLUMNS = (
     "event", "load_factor", "displacement", "reaction", "broken_bonds", "stored_energy", "dissipated_energy",
@@ -55,6 +55,18 @@ def test_a_run_without_failure_has_its_loads_over_displacements(tmp_path):
         drawn = draw_failure(tmp_path, "an elastic bar", "mm", "N", warn=pytest.fail)
         assert [path.name for path in drawn] == expected
     assert drawn[0].stat().st_size > 5000
+
+
+def test_the_peak_is_that_of_the_run_not_of_the_rows_that_were_told():
+    """With `stepping.report_every` the rows leave out states, and the summary knows of them."""
+    history = {name: np.array([row[k] for row in ROWS]) for k, name in enumerate(COLUMNS)}
+    assert find_peak(history, None) == (1e-3, 50.0)
+    summary = {"failure": {"peak": {"load": 62.5, "displacement": 2e-3, "row": 13}}}
+    assert find_peak(history, summary) == (2e-3, 62.5)
+    history["reaction"][-1] = 62.5
+    assert find_peak(history, summary) is None  # it may go on rising
+    history["reaction"][-1] = 1.0
+    assert find_peak(history, {"failure": None}) == (1e-3, 50.0)
 
 
 def test_the_crack_is_seen(tmp_path):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.results import vtkhdf
-from pdfem_mpi.results.history import History
+from pdfem_mpi.results.history import History, read_history
 from pdfem_mpi.results.lines import write_line
-from pdfem_mpi.results.run_folder import RunFolder, read_history, read_summary
+from pdfem_mpi.results.run_folder import RunFolder, read_summary
 
 COLUMNS = ("step", "event", "load_factor", "displacement", "reaction", "ledger_error")
 X = np.array([[0.0, 0.0, 0.1], [1.0, 0.0, 0.2], [2.0, 1.0, 0.3]])

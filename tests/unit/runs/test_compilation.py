@@ -1,5 +1,7 @@
 """Kernels are compiled ahead for the types of their calls, and nothing is compiled twice."""
 
+import os
+import subprocess
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
 
@@ -79,6 +81,29 @@ def test_a_kernel_that_was_called_but_not_compiled_ahead_stays_open(tmp_path, mo
     warm_up.compile_kernels({"asked for"})
     with pytest.raises(TypeError):
         module.first(numbers.astype(np.float32))
+
+
+LOADING = """
+import sys
+import numba
+import numpy as np
+import some_kernels
+from pdfem_mpi.runs import compilation
+
+compilation.MODULES = (some_kernels,)
+compilation.compile_kernels()
+registered = "numba.np.arraymath" in sys.modules
+print(registered, some_kernels.caller(np.array([3.0]), 2), numba.njit(lambda x: x.sum())(np.array([3.0, 1.0])))
+"""
+
+
+def test_kernels_of_the_cache_are_loaded_without_what_compiles_others(tmp_path):
+    """The registries of numba are for compiling; where something is compiled after all, they are there."""
+    (tmp_path / "some_kernels.py").write_text(SOURCE)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    command = [sys.executable, "-c", LOADING]
+    said = [subprocess.run(command, env=environment, capture_output=True, text=True).stdout for _ in range(2)]
+    assert said == ["True 3.5 4.0\n", "False 3.5 4.0\n"]
 
 
 def test_kernels_return_what_their_signatures_say():

@@ -96,7 +96,10 @@ def test_laws_and_noise_are_told_in_a_run(tmp_path):
     assert alone(scene, tmp_path / "run", reporter=listener) == 0
     law = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))["failure"]["materials"]["default"]
     softening = law["softening"]
-    assert softening["final_stretch"] == pytest.approx(RATIO * softening["first_stretch"], rel=1e-4)
+    planes = softening["energy_of_planes"]
+    assert 0.95 < planes < 0.96 and softening["drop"] == pytest.approx(0.5 / planes, rel=1e-9)
+    final = 1.0 + ((1.0 + 0.5 * (RATIO - 1.0)) / planes - 1.0) / softening["drop"]
+    assert softening["final_stretch"] == pytest.approx(final * softening["first_stretch"], rel=1e-4)
     first = f"bonds soften: from s_t = {softening['first_stretch']:.4g} to s_c = "
     assert listener.said(first, f"in {softening['teeth']} teeth", "planes across x, y, z cut")
     assert listener.said("stiffness_noise = 0.005")

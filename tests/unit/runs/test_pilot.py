@@ -5,7 +5,7 @@ import pytest
 
 from pdfem_mpi import Simulation
 from pdfem_mpi.deck.meshes import BoxMesh
-from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.deck.table import SceneError, Units
 from pdfem_mpi.deck.toml import write_deck
 from pdfem_mpi.parallel.comm import mpi
 from support.adaptive import CELLS, NOTCH, plate, rows_of
@@ -38,6 +38,27 @@ def test_a_folder_without_broken_bonds_is_refused(tmp_path):
         Simulation(scene, mpi().COMM_SELF)
     (tmp_path / "deck.toml").write_text("", encoding="utf-8")
     with pytest.raises(SceneError, match="has no checkpoint"):
+        Simulation(scene, mpi().COMM_SELF)
+
+
+@pytest.mark.parametrize(
+    ("units", "scale", "part"),
+    [
+        (("mm", "N"), 1.0, 'has units.length = "mm", and this deck "m". Give a run in the same units'),
+        (("m", "N"), 1000.0, r"in \[0, 18000\] x \[0, 12000\] x \[0, 1000\], and that of this deck lies in \[0, 18\]"),
+    ],
+)
+def test_a_pilot_of_another_body_is_refused(tmp_path, units, scale, part):
+    """Places in other units would turn cells that are not meant, or none."""
+    folder = tmp_path / "pilot"
+    (folder / "checkpoints").mkdir(parents=True)
+    upper = tuple(scale * side for side in CELLS)
+    mesh = BoxMesh(lower=(0.0, 0.0, 0.0), upper=upper, spacing=scale)
+    tables = {"units": Units(length=units[0], force=units[1])}
+    (folder / "deck.toml").write_text(write_deck(plate(**tables).model_copy(update={"mesh": mesh})))
+    (folder / "checkpoints" / "ckpt-000001.h5").write_bytes(b"of no interest")
+    scene = plate(adaptive={"pilot": str(folder)}, units=Units(length="m", force="N"))
+    with pytest.raises(SceneError, match=rf"adaptive\.pilot = .*{part}"):
         Simulation(scene, mpi().COMM_SELF)
 
 

@@ -109,3 +109,58 @@ def test_what_has_no_bonds_lists_none():
     simulation = bar(**elements, peridynamics={})
     assert simulation.bonds() is None and not len(simulation.broken_bonds())
     assert simulation.internal_forces().points is None
+
+
+#: A plate in the middle of which bonds may break, pulled from break to break.
+PLATE = {
+    "mesh": {"kind": "box", "lower": [0.0, 0.0, 0.0], "upper": [8.0, 3.0, 1.0], "spacing": 1.0},
+    "material": {"youngs_modulus": 1000.0, "critical_stretch": 0.002},
+    "regions": [
+        {"name": "left", "model": "peridynamics", "upper": [2.0, 9.0, 9.0], "may_fail": False},
+        {"name": "middle", "model": "peridynamics", "lower": [2.0, 0.0, 0.0], "upper": [6.0, 9.0, 9.0]},
+        {"name": "right", "model": "peridynamics", "lower": [6.0, 0.0, 0.0], "may_fail": False},
+    ],
+    "peridynamics": {"kinematics": "linear"},
+    "supports": [{"face": "x-", "x": -0.01, "y": 0.0, "z": 0.0}, {"face": "x+", "x": 0.01, "y": 0.0}],
+    "solver": {"kind": "cg", "tolerance": 1e-9},
+    "stepping": {"kind": "events", "end_reaction": 0.5},
+}
+
+
+def broken_by(weights=None):
+    """Rows of the plate, and its broken bonds; with weights of its bonds, if ``weights(bonds)`` gives any."""
+    simulation = pdfem.Simulation(pdfem.read_deck(PLATE), mpi().COMM_SELF)
+    if weights:
+        simulation.weigh_stretches(*weights(simulation.bonds()))
+    rows = list(simulation.steps())
+    return rows, set(map(tuple, simulation.broken_bonds().tolist()))
+
+
+def test_weights_of_1_break_what_the_program_breaks():
+    """The books and the energies too, to round-off of the stretches."""
+    rows, broken = broken_by()
+    same, same_broken = broken_by(lambda bonds: (np.ones(len(bonds.points)),) * 2)
+    assert broken == same_broken and len(rows) == len(same) > 1
+    for name in ("reaction", "dissipated_energy", "load_factor"):
+        np.testing.assert_allclose([row[name] for row in same], [row[name] for row in rows], rtol=1e-9)
+
+
+def test_weights_say_what_sets_the_load_and_what_breaks():
+    """Twice the weight in both: half of the load. None for the load of all but one: nothing breaks before it does."""
+    (first, *_), _ = broken_by()
+    (half, *_), _ = broken_by(lambda bonds: (np.full(len(bonds.points), 2.0),) * 2)
+    assert half["load_factor"] == pytest.approx(0.5 * first["load_factor"], rel=1e-9)
+
+    def long_alone(bonds):
+        return (bonds.length > 2.0).astype(float), np.ones(len(bonds.points))
+
+    (later, *_), _ = broken_by(long_alone)
+    assert later["load_factor"] > first["load_factor"]
+
+
+def test_weights_that_do_not_fit_are_refused():
+    simulation = pdfem.Simulation(pdfem.read_deck(PLATE), mpi().COMM_SELF)
+    with pytest.raises(ValueError, match="bonds: give as many weights"):
+        simulation.weigh_stretches(np.ones(3), np.ones(3))
+    with pytest.raises(ValueError, match="weights are for brittle bonds"):
+        bar(material={"youngs_modulus": 1.0e7}).weigh_stretches(np.ones(3), np.ones(3))

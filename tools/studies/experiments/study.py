@@ -1,7 +1,7 @@
-"""Published experiments, run at two cell sizes and two internal lengths: docs/experiments.md.
+"""Published experiments, run at two cell sizes and two internal lengths, and numerical references: docs/experiments.md.
 
 Each run has a folder in runs/experiments/. ``--fine`` adds the fine cells at half of the thickness; ``--only`` chooses
-by name.
+by name. The page lists the rows that were not run.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from tools.studies.experiments.cases import EXPERIMENTS, FOLDER, PATHS, Case, Experiment, cases
 from tools.studies.experiments.curves import Curve, inside, path_distance, read_curve, read_measured, read_path, rms
 from tools.studies.experiments.drawing import draw_loads, label_of
+from tools.studies.experiments.references import Reference, references
 from tools.studies.series import DOCS, Results, fill, parser_of, run_deck, summary_of, table
 
 DOCUMENT = DOCS / "experiments.md"
@@ -20,11 +21,13 @@ FIGURES = DOCS / "figures" / "experiments"
 COSTS = Results(FOLDER / "costs")
 
 
-def run(case: Case) -> None:
+def run(case: Case | Reference) -> None:
     """Run a case, and keep what it cost."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    deck = f"experiments/{case.experiment.name}.toml"
-    done = run_deck(deck, case.overrides(), case.folder, "--overwrite", check=False)
+    deck, settings = (
+        (case.deck, case.settings) if isinstance(case, Reference) else (case.experiment.name, case.overrides())
+    )
+    done = run_deck(f"experiments/{deck}.toml", settings, case.folder, "--overwrite", check=False)
     if done.returncode:
         print(f"{case.name} gave no result:\n{done.stdout[-500:]}{done.stderr[-500:]}", flush=True)
         return
@@ -106,6 +109,41 @@ def paths_table(chosen: Sequence[Case]) -> list[str]:
     return table(["path", "cells / mm", "largest distance from the measured path / mm", "processor s"], rows)
 
 
+def against(load: float, low: float, high: float) -> tuple[str, str]:
+    """An answer, and what a load is beside it, in words."""
+    if low == high:
+        return f"{low:.4g}", f"{100.0 * (load / low - 1.0):+.1f} %"
+    return f"{low:.4g} to {high:.4g}" if low else f"below {high:.4g}", "within" if low <= load <= high else "outside"
+
+
+def references_table() -> list[str]:
+    """Bodies whose failing load a formula or a bound knows."""
+    rows = []
+    for one in references():
+        if (load := one.load()) is None:
+            continue
+        answer, error = against(load, *one.answer)
+        seconds = (COSTS.read(one.name) or {}).get("processor_seconds", 0.0)
+        rows.append([
+            f"`{one.deck}.toml`, {one.words}", f"{answer} {one.unit} ({one.told})", f"{load:.4g}", error,
+            f"{seconds:,.0f}",
+        ])  # fmt: skip
+    return table(["reference", "answer", "ours", "error", "processor s"], rows)
+
+
+def left_table(everything: Sequence[Case]) -> list[str]:
+    """The rows of the study that were not run, by experiment."""
+    missing: dict[str, list[str]] = {}
+    for case in everything:
+        if read_curve(case) is None:
+            words = label_of(case, ("half", "slice")) + (", peak only" if case.short else "")
+            missing.setdefault(case.experiment.title, []).append(words)
+    for one in references():
+        if one.load() is None:
+            missing.setdefault(f"`{one.deck}.toml`", []).append(one.words)
+    return table(["test", "not run"], [[title, "; ".join(words)] for title, words in missing.items()])
+
+
 def draw(experiment: Experiment, chosen: Sequence[Case]) -> None:
     """The figure of one experiment."""
     mine = [case for case in chosen if case.experiment is experiment and not case.short]
@@ -131,16 +169,16 @@ def main(arguments: Sequence[str]) -> int:
     """Run what is left, fill the tables and draw the figures."""
     options = parser_of(__doc__, fine="fine cells at half of the thickness, too").parse_args(arguments)
     everything = cases(fine=True)
-    wanted = [case for case in cases(options.fine) if options.only in case.name]
-    for case in wanted:
-        if summary_of(case.folder).get("exit_code") == 0:
+    for case in [*cases(options.fine), *references()]:
+        if options.only not in case.name or summary_of(case.folder).get("exit_code") == 0:
             continue
         print(case.name, flush=True)
         if not (options.dry_run or options.report):
             run(case)
     if options.dry_run:
         return 0
-    fill(DOCUMENT, {"tests": table_of(everything), "paths": paths_table(everything)})
+    tables = {"tests": table_of(everything), "paths": paths_table(everything)}
+    fill(DOCUMENT, tables | {"references": references_table(), "left": left_table(everything)})
     for experiment in EXPERIMENTS.values():
         draw(experiment, everything)
     return 0

@@ -17,7 +17,6 @@ import numpy as np
 
 from pdfem_mpi import Simulation
 from tools.studies.failure_criterion.bodies import BODIES, STRETCH, THICKNESS, make_scene, weights
-from tools.studies.failure_criterion.rules import install, ruled
 from tools.studies.series import DOCS, RUNS, Results, fill, parser_of, table
 
 RESULTS = Results(RUNS / "criterion_study")
@@ -104,8 +103,7 @@ def run(case: Case) -> dict:
         known["fracture_energy"] = own_fracture_energy(case, bonds)
     else:
         if case.rule not in ("all", PROGRAMS_OWN):
-            rule = weights(case.rule, simulation, case.h)
-            simulation.failure = ruled(simulation.failure).follow(simulation, *rule)
+            simulation.weigh_stretches(*weights(case.rule, simulation, case.h))
         simulation.prepare_solver(print)
         rows = list(islice(simulation.steps(), 1 if case.only_first else None))
         known |= history(case, simulation, bonds, rows)
@@ -229,8 +227,6 @@ def draw() -> None:
 def main(words: Sequence[str]) -> int:
     """Run what is left, and fill the tables."""
     options = parser_of(__doc__, full="the largest references too").parse_args(words)
-    if not options.dry_run:
-        install()
     for case in CASES:
         if options.report or options.only not in case.name or (case.full and not options.full) or read(case):
             continue
@@ -241,7 +237,6 @@ def main(words: Sequence[str]) -> int:
         known = run(case)
         keys = ("first", "peak", "broken", "energy", "fracture_energy", "fit_residual", "largest_factor", "seconds")
         print(", ".join(f"{key} {number(known, key, '.4g')}" for key in keys if known.get(key) is not None), flush=True)
-    if not options.dry_run:
         fill(DOCS / "failure.md", tables())
         draw()
     return 0

@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.deck.loads import BodyForce, Support
-from pdfem_mpi.model.model import build_intact_elements
 from pdfem_mpi.model.motions import rigid_modes
 from pdfem_mpi.peridynamics.point_blocks import point_blocks
-from pdfem_mpi.solvers.preconditioner import coarse_grid as grid
-from pdfem_mpi.solvers.preconditioner import nested_grids
 from pdfem_mpi.solvers.preconditioner.blocks import inverted, node_blocks, softest
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from support.bodies import build, make_scene
@@ -118,62 +115,3 @@ def test_soft_and_fixed_directions_of_a_block_are_held():
     found = inverted(blocks, fixed, softest(body.model.comm, blocks, np.ones(3)))
     expected = [[1.0, 0, 0, 0, 0, 0], [0.5, 0, 0.125, 0, 0, 0], [0.0] * 6]
     np.testing.assert_allclose(found, expected, atol=1e-15)
-
-
-def test_grid_stiffness_gives_linear_fields_no_force_inside_and_the_right_energy():
-    """Integrated by moments, a uniform strain has the energy of the body: volume times the energy density."""
-    body = build(make_scene((8, 6, 4), 8))
-    intact = build_intact_elements(body.share, body.model)
-    h = np.array([2.0, 2.0, 2.0])
-    counts = np.array([4, 3, 2])
-    moments = np.zeros((4, 24, 27), np.int64)
-    quantum = np.full(24, grid.MOMENT_QUANTUM)
-    cells = body.share.mesh.cells
-    corners = body.share.nodes[cells]
-    lower = body.share.nodes.min(axis=0)
-    where, xi = grid._locate(grid.gauss_positions(corners).reshape(-1, 3), lower, h, counts)
-    grid.add_moments(moments[0], where, xi, grid.gauss_volumes(corners).reshape(-1), quantum)
-    number, matrix = grid._stiffness(moments * grid.MOMENT_QUANTUM, np.ones(24), h, counts, [0.25], 0.0)
-    index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1), axis=1)
-    x = lower + index * h
-    gradient = np.array([[1.0, 0.2, 0.0], [0.2, -0.5, 0.3], [0.0, 0.3, 0.4]])
-    u = (x @ gradient).reshape(-1)
-    lam = mu = 0.4  # of E = 1, nu = 1/4
-    density = 0.5 * lam * np.trace(gradient) ** 2 + mu * (gradient**2).sum()
-    assert 0.5 * u @ (matrix @ u) == pytest.approx(8 * 6 * 4 * density, rel=1e-6)  # the pin adds 1e-8 of the diagonal
-    inside = ((index > 0) & (index < counts)).all(axis=1)
-    force = (matrix @ u).reshape(-1, 3)[inside]
-    assert np.abs(force).max() < 1e-6
-    assert intact.elements.shared[0].connectivity.shape == (192, 8)
-
-
-def test_multigrid_takes_over_where_factors_would_be_too_large(monkeypatch):
-    """With a small budget the grid is nested; its cycle is as good as the direct solve within a few iterations."""
-    body = build(make_scene((16, 8, 8), 0, **SHEAR))
-    direct = make_preconditioner(body.share, body.model, body.case)
-    monkeypatch.setattr(nested_grids, "MOST_FILL", 1e3)
-    nested = make_preconditioner(body.share, body.model, body.case)
-    assert len(direct.grid.levels) == 1
-    assert len(nested.grid.levels) > 1
-    right = np.random.default_rng(0).standard_normal(3 * nested.grid.n_nodes)
-    matrix, x = nested.grid.levels[0].matrix, np.zeros_like(right)
-    norms = [1.0]
-    for _ in range(8):
-        x += grid.solve(nested.grid.levels, right - matrix @ x)
-        norms.append(np.linalg.norm(right - matrix @ x) / np.linalg.norm(right))
-    assert norms[-1] < 0.05  # a factor of 0.7 a cycle, the damping of block-free Jacobi steps
-
-
-@pytest.mark.parametrize("counts", [(4, 2, 2), (6, 1, 4), (3, 2, 1)])
-def test_prolongation_between_grids_is_exact_for_linear_functions(counts):
-    """Trilinear interpolation from half the cells, an axis of one cell kept; an odd axis keeps its last cell's half."""
-    counts = np.array(counts)
-    number = np.arange(int(np.prod(counts + 1)))
-    below, prolongation = nested_grids._prolongation(number, counts)
-    coarser = nested_grids._halved(counts, 1)
-    ratio = np.where(counts == coarser, 1, 2)
-    fine = np.stack(np.unravel_index(number, counts + 1), axis=1)
-    coarse = np.stack(np.unravel_index(np.flatnonzero(below >= 0), coarser + 1), axis=1) * ratio
-    gradient = np.array([0.3, -0.7, 1.1])
-    values = np.repeat(coarse @ gradient + 2.0, 3)
-    np.testing.assert_allclose(prolongation @ values, np.repeat(fine @ gradient + 2.0, 3), rtol=1e-14)

@@ -32,7 +32,7 @@ def largest_eigenvalue(preconditioner):
         x[unknown] = 1.0
         preconditioner.forces.evaluate_surely(x, np.zeros(n), force)
         force[preconditioner.fixed] = 0.0
-        add_block_products(False, preconditioner.cycle_blocks, 1.0, -force, step)
+        add_block_products(False, preconditioner.cycle.blocks, 1.0, -force, step)
         matrix[:, k] = step
     return float(np.abs(np.linalg.eigvals(matrix[free])).max())
 
@@ -43,7 +43,7 @@ def test_the_product_is_kept_and_the_sum_positive(mesh):
     body = elements(**mesh)
     preconditioner = make_preconditioner(body.share, body.model, body.case)
     top = largest_eigenvalue(preconditioner)
-    found = preconditioner.damping * top
+    found = preconditioner.cycle.damping * top
     assert PRODUCT <= found < 1.1 * PRODUCT
     assert found * (found - 2.0) < 0.8 * OMEGA * top
 

@@ -1,0 +1,86 @@
+"""Owners of numbered things that several ranks know, elected through a directory that is dealt out over the ranks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+#: A claim of who only asks.
+NO_CLAIM = -1
+
+
+def elect(comm: Intracomm, ids: np.ndarray, claims: np.ndarray) -> np.ndarray:
+    """Owner of each thing: the rank with the largest claim on it, of equal ones the lowest rank. Collective.
+
+    Rank ``id % size`` collects the claims on a thing and answers; no rank has a table of all.
+
+    Parameters
+    ----------
+    ids : int64, shape (n,)
+        What this rank claims or asks for, each once.
+    claims : int64, shape (n,)
+        From 0 on, or ``NO_CLAIM``.
+
+    Returns
+    -------
+    int64, shape (n,)
+        -1 where no rank claims.
+    """
+    if comm.size == 1:
+        return np.where(claims < 0, -1, 0)
+    home = ids % comm.size
+    order = np.argsort(home, kind="stable")
+    heard, n_sent, n_heard = _exchange(comm, np.stack([ids, claims], axis=1)[order], home)
+    answers = _largest_claims(heard, np.repeat(np.arange(comm.size), n_heard))
+    owners, result = np.empty(len(ids), np.int64), np.empty(len(ids), np.int64)
+    comm.Alltoallv([answers, n_heard], [owners, n_sent])
+    result[order] = owners
+    return result
+
+
+def told(comm: Intracomm, ids: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """What ranks say that this one owns; int64, rising, each once. Collective.
+
+    Parameters
+    ----------
+    ids, owner : int64, shape (n,)
+        What this rank knows, and whose it is.
+    """
+    if comm.size == 1:
+        return np.unique(ids)
+    order = np.argsort(owner, kind="stable")
+    return np.unique(_exchange(comm, ids[order, None], owner)[0])
+
+
+def _exchange(comm: Intracomm, rows: np.ndarray, rank: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows that came from the others, and how many went to each rank and came from it. Collective.
+
+    Parameters
+    ----------
+    rows : int64, shape (n, width)
+        Ordered by the rank that they go to.
+    rank : int64, shape (n,)
+        These ranks, in any order.
+    """
+    n_sent = np.bincount(rank, minlength=comm.size)
+    n_heard, width = np.empty_like(n_sent), rows.shape[1]
+    comm.Alltoall(n_sent, n_heard)
+    heard = np.empty((n_heard.sum(), width), np.int64)
+    comm.Alltoallv([np.ascontiguousarray(rows), width * n_sent], [heard, width * n_heard])
+    return heard, n_sent, n_heard
+
+
+def _largest_claims(heard: np.ndarray, rank: np.ndarray) -> np.ndarray:
+    """Owner of the thing of each claim heard, int64 (n,), by claims (n, 2) and who made them."""
+    order = np.lexsort((rank, -heard[:, 1], heard[:, 0]))
+    first = np.ones(len(order), bool)
+    first[1:] = np.diff(heard[order, 0]) != 0
+    best = order[first]
+    elected = np.where(heard[best, 1] < 0, -1, rank[best])
+    answers = np.empty(len(order), np.int64)
+    answers[order] = elected[np.cumsum(first) - 1]
+    return answers

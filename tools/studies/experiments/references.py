@@ -1,0 +1,132 @@
+"""Numerical references of docs/experiments.md: bodies whose failing load a formula or a bound knows.
+
+Answers are for one millimetre of thickness, or stresses over the strength. All bonds have a Poisson's ratio of 1/4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pdfem_mpi import open_run
+from tools.studies.experiments.cases import FOLDER
+from tools.studies.experiments.curves import STABLE
+from tools.studies.series import summary_of
+
+#: The decks' materials: E, f_t, G_c; the brittle one has no strength.
+ALUMINA, GLASS, PMMA = (335000.0, 210.0, 0.0268), (15000.0, 10.0, 0.010), (3000.0, 0.38)
+POISSON = 0.25
+
+
+@dataclass(frozen=True)
+class Reference:
+    """One run of a reference.
+
+    Attributes
+    ----------
+    deck : str
+    words : str
+        What differs from other runs of the deck.
+    settings : dict
+        For ``--set``.
+    answer : tuple of two floats
+        The load between these; a formula's twice.
+    column : str
+        Of history.csv, whose largest value over stable states is the load.
+    scale : float
+        Of the answer's load over the column's.
+    unit : str
+    """
+
+    deck: str
+    words: str
+    settings: Mapping[str, str]
+    answer: tuple[float, float]
+    column: str
+    scale: float
+    unit: str
+    told: str = field(default="", compare=False)
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return f"{self.deck}-{self.words}".replace(" ", "_").replace(",", "")
+
+    @property
+    def folder(self) -> Path:
+        """Of its run."""
+        return FOLDER / self.name
+
+    def load(self) -> float | None:
+        """Largest load over stable states; None where it has not ended."""
+        if summary_of(self.folder).get("exit_code") != 0:
+            return None
+        history = open_run(self.folder).history
+        stable = [event in STABLE for event in history["event"]]
+        return self.scale * float(max(abs(history[self.column][stable])))
+
+
+def stress_at_an_edge_crack(length: float, width: float = 6.0, material=ALUMINA) -> float:
+    """At which an edge crack in a strip runs in plane strain, over the strength; 1 without a crack."""
+    modulus, strength, energy = material
+    if length == 0.0:
+        return 1.0
+    x = length / width
+    shape = 1.122 - 0.231 * x + 10.55 * x**2 - 21.71 * x**3 + 30.382 * x**4
+    return _toughness(modulus, energy) / (math.sqrt(math.pi * length) * shape) / strength
+
+
+def load_on_a_compact_tension(length: float = 25.0, width: float = 50.0, material=PMMA) -> float:
+    """Force for 1 mm of thickness at which the crack runs in plane strain (ASTM E399)."""
+    x = length / width
+    shape = (2.0 + x) * (0.886 + 4.64 * x - 13.32 * x**2 + 14.72 * x**3 - 5.6 * x**4) / (1.0 - x) ** 1.5
+    return _toughness(*material) * math.sqrt(width) / shape
+
+
+def loads_on_a_hole(radius: float = 5.0, half: float = 15.0, material=GLASS) -> tuple[float, float]:
+    """Force on half of the plate for 1 mm of thickness: where the most strained place of an elastic plate comes to the
+    strength (Howland's factor for a radius of a third of the half width), and where all of the ligament has.
+    """
+    strength = material[1]
+    return strength * half / HOWLAND, strength * (half - radius)
+
+
+#: Stress at the edge of the hole over that of the gross section: 3.46 for a diameter of a third of the width.
+HOWLAND = 3.46
+
+
+def _toughness(modulus: float, energy: float) -> float:
+    return math.sqrt(modulus * energy / (1.0 - POISSON**2))
+
+
+def references() -> Iterator[Reference]:
+    """All runs, cheapest first."""
+    force = load_on_a_compact_tension()
+    for h in (1.25, 0.625):
+        settings = {"mesh.spacing": repr(h), "mesh.upper": f"[50.0, 30.0, {h!r}]"}
+        yield Reference(
+            "compact_tension", f"cells {h:g}", settings, (force, force), "upper_pin.force_y", 1.0 / h, "N/mm", "formula"
+        )
+    for h in (0.625, 0.3125):
+        settings = {"mesh.spacing": repr(h), "mesh.upper": f"[25.0, 15.0, {h!r}]"}
+        yield Reference(
+            "plate_with_hole", f"cells {h:g}", settings, loads_on_a_hole(), "right_end.force_x", 1.0 / h, "N/mm",
+            "elastic to full ligament",
+        )  # fmt: skip
+    for length in (0.0, 0.3, 1.5, 3.0):
+        yield edge_crack(length)
+
+
+def edge_crack(length: float, h: float = 0.05) -> Reference:
+    """The strip with a crack of this length, or none."""
+    ends = [(-1.0, -1.0), (length, -1.0), (length, 1.0), (-1.0, 1.0)]
+    polygon = ", ".join(f"[{x!r}, 0.0, {z!r}]" for x, z in ends)
+    settings = {"mesh.spacing": repr(h), "mesh.upper": f"[6.0, 10.0, {h!r}]"}
+    settings["cracks"] = f"[{{polygon = [{polygon}]}}]" if length else "[]"
+    stress = stress_at_an_edge_crack(length)
+    words = f"crack {length:g}" if length else "no crack"
+    answer = (stress, stress) if length in (0.0, 1.5, 3.0) else (0.0, min(stress, 1.0))
+    told = "formula" if answer[0] else "below strength and formula"
+    return Reference("edge_crack", words, settings, answer, "load_factor", 1.0, "f_t", told)
