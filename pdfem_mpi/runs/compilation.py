@@ -21,7 +21,7 @@ from pdfem_mpi.kernels import (
     bond_sweeps,
     bond_tangent,
     correction_sweeps,
-    cycle,
+    cycle_steps,
     dense,
     dilatation_fit,
     dilatation_sweeps,
@@ -87,7 +87,7 @@ NEEDED_BY = {
         for (_, weighted), sweep in table.items()
     },
     banded: {"cg"},
-    cycle: {"cg"},
+    cycle_steps: {"cg"},
     dense.make_orthonormal: {"cg"},
     dense.remove_rows: {"cg"},
     fronts: {"fitted"},

@@ -15,7 +15,7 @@ import numpy as np
 
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.finite_elements.nodes import local_nodes
-from pdfem_mpi.kernels import cycle
+from pdfem_mpi.kernels import cycle_steps
 from pdfem_mpi.kernels.multigrid import add_block_products, interpolate_to_points, restrict_points
 from pdfem_mpi.kernels.rounding import pattern_for
 from pdfem_mpi.model.bounds import COARSE, Bounds, power_above
@@ -102,7 +102,7 @@ class Preconditioner:
         quantum, scale = pattern_for(64.0)[0], power_above(size)
         sums = np.zeros((len(nodes.number), 3), np.int64)
         restrict_points(self.cells, unknowns.of_points(r), quantum * scale, sums)
-        cycle.add_rounded(self.own_nodes, unknowns.of_nodes(r), quantum * scale, sums)
+        cycle_steps.add_rounded(self.own_nodes, unknowns.of_nodes(r), quantum * scale, sums)
         nodes.halo.scatter_reverse(sums)
         correction = np.zeros((len(nodes.number), 3))
         self._cycle(sums, quantum, scale, correction)
@@ -111,7 +111,7 @@ class Preconditioner:
         n = unknowns.n_points
         add_block_products(True, self.blocks[:n], OMEGA, unknowns.of_points(r), unknowns.of_points(z))
         of_nodes = (unknowns.of_nodes(vector) for vector in (r, z))
-        cycle.correct_nodes(self.own_nodes, correction, self.blocks[n:], OMEGA, *of_nodes)
+        cycle_steps.correct_nodes(self.own_nodes, correction, self.blocks[n:], OMEGA, *of_nodes)
         tie(self.model, z)
 
     def apply_surely(self, r: np.ndarray, size: float, z: np.ndarray) -> None:
@@ -144,14 +144,14 @@ class Preconditioner:
         Its result times ``scale`` is written to the rows of the owned nodes.
         """
         right, x, residual = (np.empty(len(self.fixed)) for _ in range(3))
-        cycle.start_cycle(sums, quantum, self.fixed, self.cycle.blocks, self.cycle.damping, right, x)
+        cycle_steps.start_cycle(sums, quantum, self.fixed, self.cycle.blocks, self.cycle.damping, right, x)
         self._residual(x, right, residual)
         met = self.forces.met.copy()
         self.grid.add_correction(residual, quantum, x)
         x[self.held] = 0.0
         self._residual(x, right, residual)
         np.maximum(met, self.forces.met, out=self.forces.met)
-        cycle.finish_cycle(self.cycle.blocks, self.cycle.damping, residual, x, scale, correction)
+        cycle_steps.finish_cycle(self.cycle.blocks, self.cycle.damping, residual, x, scale, correction)
 
     def _residual(self, x, right, residual):
         self.forces.evaluate(x, right, residual)
