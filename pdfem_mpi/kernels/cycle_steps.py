@@ -15,27 +15,6 @@ def _product(b, x, y, z):
 
 
 @njit(**_options)
-def add_rounded(places, r, quantum, sums):
-    """Add vectors of some nodes to sums of all nodes, rounded to the quantum.
-
-    Parameters
-    ----------
-    places : int32, shape (n,)
-        Where they stand among the sums.
-    r : float64, shape (n, 3)
-    quantum : float
-        Power of two.
-    sums : int64, shape (n_nodes, 3)
-        In quanta; added to.
-    """
-    inverse = 1.0 / quantum
-    for t in range(places.size):
-        n = np.uint64(places[t])
-        for d in range(3):
-            sums[n, d] += np.int64(np.rint(r[t, d] * inverse))
-
-
-@njit(**_options)
 def start_cycle(sums, quantum, fixed, blocks, omega, right, x):
     """Make the right-hand side of the sums, and the first smoothing from 0 on: ``x = omega B right``.
 
@@ -103,7 +82,6 @@ def correct_nodes(places, correction, blocks, omega, r, z):
 _f8, _table, _real = types.float64[::1], types.float64[:, ::1], types.float64
 _places, _sums = types.int32[::1], types.int64[:, ::1]
 SIGNATURES = {
-    add_rounded: types.void(_places, _table, _real, _sums),
     start_cycle: types.void(_sums, _real, types.boolean[::1], _table, _real, _f8, _f8),
     finish_cycle: types.void(_table, _real, _f8, _f8, _real, _table),
     correct_nodes: types.void(_places, _table, _table, _real, _table, _table),

@@ -1,5 +1,6 @@
-"""Displacements of nodes into the table of a sweep over elements, and forces out of it."""
+"""Nodes beside the sweeps over elements: forces out of their table, and sums of what cells give to them."""
 
+import numpy as np
 from numba import njit, types
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
@@ -21,5 +22,28 @@ def read_nodes(integers, quantum, external, force):
             force[n, d] = external[n, d] + quantum * integers[n, d]
 
 
-_table = types.float64[:, ::1]
-SIGNATURES = {read_nodes: types.void(types.int64[:, ::1], types.float64, _table, _table)}
+@njit(**_options)
+def add_rounded_rows(places, rows, quantum, sums):
+    """Add rows of numbers to the sums of places, each number rounded to the quantum; a place may come many times.
+
+    Parameters
+    ----------
+    places : int32, shape (n,)
+    rows : float64, shape (n, width)
+    quantum : float
+        Power of two.
+    sums : int64, shape (n_places, width)
+        In quanta; added to.
+    """
+    inverse = 1.0 / quantum
+    for t in range(places.size):
+        n = np.uint64(places[t])
+        for d in range(rows.shape[1]):
+            sums[n, d] += np.int64(np.rint(rows[t, d] * inverse))
+
+
+_table, _sums = types.float64[:, ::1], types.int64[:, ::1]
+SIGNATURES = {
+    read_nodes: types.void(_sums, types.float64, _table, _table),
+    add_rounded_rows: types.void(types.int32[::1], _table, types.float64, _sums),
+}

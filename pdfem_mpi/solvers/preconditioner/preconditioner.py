@@ -17,6 +17,7 @@ from pdfem_mpi.body.share import Share
 from pdfem_mpi.finite_elements.nodes import local_nodes
 from pdfem_mpi.kernels import cycle_steps
 from pdfem_mpi.kernels.multigrid import add_block_products, interpolate_to_points, restrict_points
+from pdfem_mpi.kernels.node_table import add_rounded_rows
 from pdfem_mpi.kernels.rounding import pattern_for
 from pdfem_mpi.model.bounds import COARSE, Bounds, power_above
 from pdfem_mpi.model.forces import Forces
@@ -102,7 +103,7 @@ class Preconditioner:
         quantum, scale = pattern_for(64.0)[0], power_above(size)
         sums = np.zeros((len(nodes.number), 3), np.int64)
         restrict_points(self.cells, unknowns.of_points(r), quantum * scale, sums)
-        cycle_steps.add_rounded(self.own_nodes, unknowns.of_nodes(r), quantum * scale, sums)
+        add_rounded_rows(self.own_nodes, unknowns.of_nodes(r), quantum * scale, sums)
         nodes.halo.scatter_reverse(sums)
         correction = np.zeros((len(nodes.number), 3))
         self._cycle(sums, quantum, scale, correction)

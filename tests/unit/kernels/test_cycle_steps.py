@@ -22,11 +22,11 @@ def products(blocks, r):
 
 
 def test_what_nodes_add_is_rounded():
-    places, r = np.array([5, 0, 3], np.int32), numbers(3, 3)
+    places, r = np.array([5, 0, 3, 5], np.int32), numbers(4, 3)
     sums = np.arange(3 * N).reshape(N, 3)
     expected = sums.copy()
-    expected[places] += np.rint(r / QUANTUM).astype(np.int64)
-    cycle_steps.add_rounded(places, r, QUANTUM, sums)
+    np.add.at(expected, places, np.rint(r / QUANTUM).astype(np.int64))
+    node_table.add_rounded_rows(places, r, QUANTUM, sums)
     assert (sums == expected).all()
 
 
