@@ -24,19 +24,21 @@ class Counts:
     bodies: int
 
 
-def count(whole: Discretization) -> Counts:
-    """Count the whole body."""
-    return Counts(
-        cells=len(whole.mesh.cells),
-        point_cells=whole.n_point_cells,
-        free_cells=int(np.count_nonzero(whole.has_points & ~whole.is_overlap)),
-        elements=int(np.count_nonzero(whole.has_stiffness)),
-        overlap_cells=int(np.count_nonzero(whole.is_overlap)),
-        node_cells=int(np.count_nonzero(whole.has_nodes)),
-        nodes=whole.n_nodes,
-        mesh_nodes=len(whole.mesh.nodes),
-        bodies=whole.n_bodies,
+def count(body: Discretization, nodes: int, mesh_nodes: int) -> Counts:
+    """Count the whole body. Collective, if each rank sees a part of it.
+
+    Parameters
+    ----------
+    nodes, mesh_nodes : int
+        Of the whole body: those with unknowns, and all.
+    """
+    points, overlap = body.has_points, body.is_overlap
+    cells, of_points, free, elements, both, of_nodes = body.mesh.everywhere.count(
+        np.ones(len(points), bool), points, points & ~overlap, body.has_stiffness, overlap, body.has_nodes
     )
+    # of several bodies every rank sees the whole
+    bodies = body.n_bodies if body.mesh.everywhere.own is None else int(of_points > 0)
+    return Counts(cells, of_points, free, elements, both, of_nodes, nodes, mesh_nodes, bodies)
 
 
 def too_many_ranks(n_parts: int, n_cells: int) -> str:

@@ -1,7 +1,7 @@
 """From the scene and its mesh to collocation points, finite elements and their overlap, in model units.
 
-The discretization is global and the same on every rank: about 150 bytes a cell, against 20,000 bytes of bonds of a
-peridynamic cell. It ends in this folder: what a rank keeps of it is its `share.Share`, and nothing above sees more.
+It is made of all cells, or on several ranks of those that a rank sees (`sight`): about 150 bytes a cell, against 20,000
+bytes of bonds of a peridynamic cell. It ends in this folder: what a rank keeps is its `share.Share`.
 
 **Model units.** Lengths are in units of the internal length ``l`` (without peridynamics: of the mean edge), measured
 from the centre of the bounding box, stresses in units of the default material's Young's modulus. Numbers stored in
@@ -120,6 +120,11 @@ class Discretization:
         return _number(self.has_points & ~self.is_overlap)
 
     @property
+    def element_row(self) -> np.ndarray:
+        """The same among the cells with nodes; int64, shape (n_cells,)."""
+        return _number(self.has_nodes)
+
+    @property
     def node_row(self) -> np.ndarray:
         """Number of each node among the nodes with unknowns; else -1; int64, shape (n_nodes,)."""
         return _number(self.carries)
@@ -142,7 +147,7 @@ class Discretization:
     @cached_property
     def reflections(self) -> tuple[np.ndarray, np.ndarray]:
         """Signs and shifts, both (n, 3), of reflections that bring an image within the cutoff radius of the body."""
-        body = np.array([self.nodes.min(axis=0), self.nodes.max(axis=0)])
+        body = self.units.places(np.array([self.mesh.lower, self.mesh.upper]))
         reach = self.cutoff + 2.0 * self.mesh.largest_edge / self.units.length  # and the size of cells
         return self.mirrors.reflections(body, body + np.array([[-reach], [reach]]))
 
@@ -151,6 +156,7 @@ class Discretization:
         """What a user should know of the mesh: what the reader left out, and cells that elements just live on."""
         if self.quality.smallest_scaled_jacobian > 0.0:
             return self.mesh.notes
+        self.mesh.everywhere.refused(True)
         folded = np.zeros(len(self.mesh.cells), bool)
         folded[folded_cells(self.mesh)] = True
         return (*self.mesh.notes, f"warning: {describe_folded(self.mesh, folded)}: results near them are poor.")
@@ -168,8 +174,10 @@ class Discretization:
         return self.has_stiffness | self.is_overlap
 
 
-def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None = None) -> Discretization:
-    """Decide what every cell of the scene's mesh carries.
+def discretize(
+    scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None = None, quality: Quality | None = None
+) -> Discretization:
+    """Decide what every cell of the scene's mesh, or of a part of it, carries.
 
     Parameters
     ----------
@@ -177,15 +185,19 @@ def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None
         What `make_mesh` gave; made here, if not given.
     comm : Intracomm, optional
         Ranks that share the work; collective then.
+    quality : Quality, optional
+        Of the whole mesh, where it is known.
 
     Raises
     ------
+    SeenInPart
+        Something is wrong, and the mesh is a part.
     SceneError
         Cells inside out, regions that overlap or leave cells out, an empty region, an overlap that does not fit or
         where two Poisson's ratios meet, bodies that cannot be fitted.
     """
     mesh = make_mesh(scene) if mesh is None else mesh
-    quality = _measure(mesh, comm)
+    quality = _measure(mesh, comm) if quality is None else quality
     report_progress()
     region = assign_regions(scene, mesh)
     peridynamic = np.array([r.model == "peridynamics" for r in scene.regions])[region]
@@ -193,8 +205,8 @@ def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None
     material = np.array([materials.names.index(r.material) for r in scene.regions], np.int16)[region]
     described = describe(scene, mesh, quality, region, peridynamic, (materials, material))
     length, cutoff_radius, quantum = mesh.mean_edge, 0.0, 0.0
-    if described["has_points"].any() or scene.is_adaptive:
-        length, cutoff_radius = scene.peridynamics.lengths(_cell_edge(scene, mesh))
+    if scene.is_adaptive or mesh.everywhere.count(described["has_points"])[0]:
+        length, cutoff_radius = scene.peridynamics.lengths(cell_edge(scene, mesh))
         quantum = quantum_for(mesh.lower, mesh.upper, length) if scene.can_fail else 0.0
     units = ModelUnits(length, scene.material.youngs_modulus, 0.5 * (mesh.lower + mesh.upper), quantum)
 
@@ -214,13 +226,14 @@ def discretize(scene: Scene, mesh: HexMesh | None = None, comm: Intracomm | None
 
 
 def _measure(mesh: HexMesh, comm: Intracomm | None) -> Quality:
-    """Quality of all cells, each rank measuring a block of them; errors are those of the whole mesh."""
+    """Quality of all cells, each rank measuring its own, or a block of them; errors are those of the whole mesh."""
     if comm is None or comm.size == 1:
         return measure(mesh)
-    n, found = len(mesh.cells), None
+    n, found, everywhere = len(mesh.cells), None, mesh.everywhere
+    block = slice(n * comm.rank // comm.size, n * (comm.rank + 1) // comm.size)
     with suppress(SceneError):
-        found = measure(HexMesh(mesh.nodes, mesh.cells[n * comm.rank // comm.size : n * (comm.rank + 1) // comm.size]))
-    if sum_integers(comm, np.array([found is None]))[0]:
+        found = measure(HexMesh(mesh.nodes, mesh.cells[block if everywhere.own is None else everywhere.own]))
+    if everywhere.refused(bool(sum_integers(comm, np.array([found is None]))[0])):
         return measure(mesh)
     low = largest(comm, -np.array([found.shortest_edge, found.smallest_scaled_jacobian, found.smallest_gauss_volume]))
     (longest,) = largest(comm, np.array([found.longest_edge])).tolist()
@@ -228,7 +241,7 @@ def _measure(mesh: HexMesh, comm: Intracomm | None) -> Quality:
     return Quality(shortest, longest, jacobian, volume)
 
 
-def _cell_edge(scene: Scene, mesh: HexMesh) -> float:
+def cell_edge(scene: Scene, mesh: HexMesh) -> float:
     """The paper's Delta: graded cells of a plate are "approximately" as wide as its spacing (sec. 4.2)."""
     if isinstance(scene.mesh, FileMesh):
         return mesh.average_edge if scene.mesh.spacing is None else scene.mesh.spacing

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from pdfem_mpi.body.regions import assign_regions
-from pdfem_mpi.deck.meshes import FileMesh, PlateWithHoleMesh
+from pdfem_mpi.deck.meshes import BoxMesh, FileMesh, PlateWithHoleMesh
 from pdfem_mpi.deck.peridynamics import cutoff_problems
+from pdfem_mpi.deck.removals import Removal
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError, show
 from pdfem_mpi.mesh import generators, named_sets
 from pdfem_mpi.mesh.carving import carve
 from pdfem_mpi.mesh.defects import face_problems, find_defects, mirror_problems
+from pdfem_mpi.mesh.extrusion import Extrusion
 from pdfem_mpi.mesh.hexmesh import HexMesh, list_cells
 from pdfem_mpi.mesh.quality import Quality, folded_cells
 from pdfem_mpi.mesh.reader import read_mesh
@@ -29,11 +31,9 @@ def make_mesh(scene: Scene) -> HexMesh:
         A file that cannot be read, or all that is wrong with its cells, its nodes, and the sets that the deck names.
     """
     entry = scene.mesh
-    if isinstance(entry, PlateWithHoleMesh):
-        return generators.plate_with_hole(entry.lower, entry.upper, entry.hole_radius, entry.spacing, entry.symmetry)
     if not isinstance(entry, FileMesh):
-        mesh = generators.box(entry.lower, entry.upper, entry.n_cells)
-        return carve(mesh, entry.remove, entry.symmetry) if entry.remove else mesh
+        mesh, removals = layers_of(entry).whole(), removals_of(entry)
+        return carve(mesh, removals, entry.symmetry) if removals else mesh
     mesh, node_number = read_mesh(entry)
     messages = find_defects(mesh, node_number, entry.doubled_nodes == "crack") + _spacing_problems(scene, mesh)
     for face in entry.symmetry:
@@ -54,6 +54,18 @@ def make_mesh(scene: Scene) -> HexMesh:
     if messages:
         raise SceneError(messages)
     return mesh
+
+
+def layers_of(entry: BoxMesh | PlateWithHoleMesh) -> Extrusion:
+    """The layers of cells of a mesh that is made, before anything is removed."""
+    if isinstance(entry, PlateWithHoleMesh):
+        return generators.plate_layers(entry.lower, entry.upper, entry.hole_radius, entry.spacing, entry.symmetry)
+    return generators.box_layers(entry.lower, entry.upper, entry.n_cells)
+
+
+def removals_of(entry: BoxMesh | PlateWithHoleMesh) -> tuple[Removal, ...]:
+    """What the deck takes out of a mesh that is made."""
+    return getattr(entry, "remove", ())
 
 
 def _spacing_problems(scene: Scene, mesh: HexMesh) -> list[str]:
@@ -87,7 +99,7 @@ def check_folded(mesh: HexMesh, quality: Quality, has_points: np.ndarray) -> Non
     folded = np.zeros(len(mesh.cells), bool)
     folded[folded_cells(mesh)] = True
     folded &= has_points
-    if folded.any():
+    if mesh.everywhere.wrong(folded):
         raise SceneError(
             [
                 f"{describe_folded(mesh, folded)}, in peridynamics or the overlap, where points would have bonds. "

@@ -6,6 +6,7 @@ of cells, only one row is taken: two rows, on both sides of the line, would.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.dense import lengths, product
 from pdfem_mpi.kernels.hex8 import gauss_positions
+from pdfem_mpi.mesh.part import MeshPart
 
 #: A node is on a point or a line within this part of the shortest edge.
 NEAR = 1e-3
@@ -32,17 +34,59 @@ def is_narrow(entry: Any) -> bool:
 
 
 def select_narrow(whole: Discretization, entry: Any, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes with unknowns, rising, and rows of cell and Gauss point, int64, shape (n, 2).
+    """Nodes with unknowns, rising, and rows of cell and Gauss point, int64, shape (n, 2): numbers in the whole mesh.
 
     Raises
     ------
     SceneError
         Nothing is there.
+    SeenInPart
+        The same, where each rank sees a part of the mesh.
     """
-    mesh, free = whole.mesh, whole.has_points & ~whole.is_overlap
     if entry.point is None and entry.line is None:
-        return _in_box(whole, entry, free, where)
-    ends = (entry.point, entry.point) if entry.line is None else entry.line
+        return _in_box(whole, entry, where)
+    return _on_line(_around_line(whole, entry), entry, where)
+
+
+def _line_of(entry: Any) -> Any:
+    """The ends of a line; of a point they are one."""
+    return (entry.point, entry.point) if entry.line is None else entry.line
+
+
+def _around_line(body: Discretization, entry: Any) -> Discretization:
+    """The body, or, where each rank sees a part of it, all cells with a node on a line, on every rank. Collective.
+
+    Raises
+    ------
+    SeenInPart
+        There is none.
+    """
+    mesh, everywhere = body.mesh, body.mesh.everywhere
+    if everywhere.own is None:
+        return body
+    on = _from_line(mesh.nodes, *_line_of(entry))[0] <= NEAR * mesh.smallest_edge
+    cells = np.flatnonzero(on[mesh.cells].any(axis=1) & everywhere.own)
+    everywhere.refused(everywhere.total(len(cells))[0] == 0)
+    ids, corners, x, points, overlap, carries = (
+        everywhere.joined(rows)
+        for rows in (
+            mesh.cell_id[cells], mesh.node_id[mesh.cells[cells]], mesh.nodes[mesh.cells[cells]],
+            body.has_points[cells], body.is_overlap[cells], body.carries[mesh.cells[cells]],
+        )
+    )  # fmt: skip
+    order = np.argsort(ids, kind="stable")
+    numbers, first, place = np.unique(corners[order], return_index=True, return_inverse=True)
+    near = MeshPart(
+        x[order].reshape(-1, 3)[first], place.reshape(-1, 8), measures=mesh.measures, cell_id=ids[order],
+        node_id=numbers,
+    )  # fmt: skip
+    carried = carries[order].reshape(-1)[first]
+    return replace(body, mesh=near, has_points=points[order], is_overlap=overlap[order], carries=carried)
+
+
+def _on_line(whole: Discretization, entry: Any, where: str) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and points on a line, of the body or of the cells with a node there."""
+    mesh, free, ends = whole.mesh, whole.has_points & ~whole.is_overlap, _line_of(entry)
     near = NEAR * mesh.smallest_edge
     distance, _ = _from_line(mesh.nodes, *ends)
     on = distance <= near
@@ -58,7 +102,8 @@ def select_narrow(whole: Discretization, entry: Any, where: str) -> tuple[np.nda
         )
     touching = np.flatnonzero(free)
     touching = touching[on[mesh.cells[touching]].sum(axis=1) >= (1 if entry.line is None else 2)]
-    return np.flatnonzero(on & whole.carries), _nearest_points(whole, touching, ends)
+    points = _nearest_points(whole, touching, ends)
+    return mesh.node_id[on & whole.carries], np.column_stack([mesh.cell_id[points[:, 0]], points[:, 1]])
 
 
 def spread(whole: Discretization, entry: Any, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -68,16 +113,18 @@ def spread(whole: Discretization, entry: Any, where: str) -> tuple[np.ndarray, n
     -------
     nodes, parts of nodes, points, parts of points
     """
-    nodes, points = select_narrow(whole, entry, where)
-    mesh = whole.mesh
+    near = _around_line(whole, entry)
+    nodes, points = _on_line(near, entry, where)
+    mesh = near.mesh
     if entry.line is None:
         of_nodes, of_points = np.ones(len(nodes)), np.ones(len(points))
     else:
         start, way = np.array(entry.line[0]), np.array(entry.line[1]) - np.array(entry.line[0])
         along = product(mesh.nodes - start, way)
-        of_nodes = _tributary(along[nodes])
+        of_nodes = _tributary(along[np.searchsorted(mesh.node_id, nodes)])
         cells, which, count = np.unique(points[:, 0], return_inverse=True, return_counts=True)
-        lengths = np.ptp(along[mesh.cells[cells]], axis=1) if len(cells) else np.empty(0)
+        corners = mesh.cells[np.searchsorted(mesh.cell_id, cells)]
+        lengths = np.ptp(along[corners], axis=1) if len(cells) else np.empty(0)
         of_points = (lengths / count)[which]
     whole_length = float(of_nodes.sum() + of_points.sum())
     return nodes, of_nodes / whole_length, points, of_points / whole_length
@@ -119,22 +166,24 @@ def _from_line(x: np.ndarray, start: Any, stop: Any) -> tuple[np.ndarray, np.nda
     return np.sqrt((offset**2).sum(axis=1)), offset
 
 
-def _in_box(whole: Discretization, entry: Any, free: np.ndarray, where: str) -> tuple[np.ndarray, np.ndarray]:
+def _in_box(whole: Discretization, entry: Any, where: str) -> tuple[np.ndarray, np.ndarray]:
     """Nodes with unknowns and free points that lie in a closed box."""
-    mesh = whole.mesh
+    mesh, free = whole.mesh, whole.has_points & ~whole.is_overlap
     lower = np.full(3, -np.inf) if entry.lower is None else np.array(entry.lower) - mesh.tolerance
     upper = np.full(3, np.inf) if entry.upper is None else np.array(entry.upper) + mesh.tolerance
 
     def inside(x: np.ndarray) -> np.ndarray:
         return ((x >= lower) & (x <= upper)).all(axis=-1)
 
-    nodes = np.flatnonzero(inside(mesh.nodes) & whole.carries)
+    nodes = inside(mesh.nodes) & whole.carries
     corners = mesh.nodes[mesh.cells]
     reached = (corners.max(axis=1) >= lower).all(axis=1) & (corners.min(axis=1) <= upper).all(axis=1)
     cells = np.flatnonzero(free & reached)
     cell, g = np.nonzero(inside(gauss_positions(corners[cells])))
-    if not len(nodes) and not len(cell):
+    there = nodes[mesh.cells].any(axis=1)
+    there[cells[cell]] = True
+    if mesh.everywhere.lacks(there):
         raise SceneError(
             [f"{where} has no node of elements and no peridynamic point in its box. Widen it, or leave out of."]
         )
-    return nodes, np.column_stack([cells[cell], g])
+    return mesh.node_id[nodes], np.column_stack([mesh.cell_id[cells[cell]], g])

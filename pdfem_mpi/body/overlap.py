@@ -31,7 +31,7 @@ def check_overlap_materials(
     for ratio in np.unique(nu[has_points]):
         wrong |= is_overlap & (nu != ratio) & mesh.neighbours(has_points & (nu == ratio))
     messages = []
-    for index in np.unique(region[wrong]):
+    for index in np.unique(region[wrong]) if mesh.everywhere.wrong(wrong) else ():
         entry = scene.regions[index]
         cells = wrong & (region == index)
         ratio = nu[cells][0]
@@ -76,6 +76,7 @@ def check_cracks(scene: Scene, mesh: HexMesh, joints: np.ndarray) -> None:
         f"stiffness, the first {list_cells(mesh, hit)}: their points follow common nodes, which no crack parts. "
         'End it a cell before the interface, or use "virial".'
         for index, hit in _cracked(scene, mesh, joints)
+        if hit.any()
     ]
     if messages:
         raise SceneError(messages)
@@ -84,47 +85,51 @@ def check_cracks(scene: Scene, mesh: HexMesh, joints: np.ndarray) -> None:
 def describe_cracked_overlap(scene: Scene, discretization: Discretization) -> list[str]:
     """Sentences about cracks through the overlap, which cut bonds and part nothing."""
     mesh = discretization.mesh
-    return [
-        f"warning: cracks.{index} passes through {np.count_nonzero(hit)} cells of the overlap, the first "
-        f"{list_cells(mesh, hit)}: their points follow element nodes, so that it cuts bonds there and does not open. "
-        "End it at the interface."
-        for index, hit in _cracked(scene, mesh, discretization.is_overlap)
-    ]
+    notes = []
+    for index, hit in _cracked(scene, mesh, discretization.is_overlap):
+        if count := mesh.everywhere.count(hit)[0]:
+            notes.append(
+                f"warning: cracks.{index} passes through {count} cells of the overlap, the first "
+                f"{list_cells(mesh, hit)}: their points follow element nodes, so that it cuts bonds there and does not "
+                "open. End it at the interface."
+            )
+    return notes
 
 
 def _cracked(scene: Scene, mesh: HexMesh, following: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-    """Cracks through cells whose points follow nodes: their number, and the cells; bool, shape (n_cells,)."""
+    """Cracks by number, and the cells that they pass through, whose points follow nodes; bool, shape (n_cells,)."""
     for index, crack in enumerate(scene.cracks):
         polygon = crack.corners(mesh.lower.tolist(), mesh.upper.tolist())
         corners = np.array(polygon)
         margin = mesh.largest_edge
         near = following & mesh.cells_in_box(corners.min(axis=0) - margin, corners.max(axis=0) + margin)
+        hit = np.zeros(len(following), bool)
         if not near.any():
+            yield index, hit
             continue
         cells, faces = np.flatnonzero(near), match_faces(mesh, near)
         points = gauss_positions(mesh.nodes[mesh.cells[cells]])
         one, two = (np.repeat(k, len(cells)) for k in _POINT_EDGES.T)
-        hit = np.zeros(len(following), bool)
         place = np.tile(np.arange(len(cells)), len(_POINT_EDGES))
         hit[cells[place[cross_polygon(polygon, points[place, one], points[place, two])]]] = True
         ends = np.stack([cells[faces.one // 6], cells[faces.two // 6]], axis=1)
         reach = GAUSS_POINTS.max() / 2.0 * np.diff(mesh.centroids[ends], axis=1)[:, 0]
         start, stop = mesh.centroids[ends[:, 0]] + reach, mesh.centroids[ends[:, 1]] - reach
         hit[ends[cross_polygon(polygon, start, stop)]] = True
-        if hit.any():
-            yield index, hit
+        yield index, hit
 
 
 def find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray, stays: np.ndarray | bool = False) -> np.ndarray:
     """Layers of cells on the finite-element side of the interface, some of which stay elements all the same."""
-    if peridynamic.all() or not peridynamic.any():
+    everywhere = mesh.everywhere
+    if 0 in everywhere.count(peridynamic, ~peridynamic):
         return np.zeros(len(peridynamic), bool)
     reached = peridynamic
     for layer in range(1, scene.coupling.overlap + 1):
         wider = mesh.neighbours(reached)
-        if layer == 1 and not (wider & ~reached).any():
+        if layer == 1 and everywhere.lacks(wider & ~reached):
             raise SceneError(["regions: the peridynamic and the finite-element cells share no node. Let them touch."])
-        if not (stays | ~wider).any() or not (stays | (wider & ~reached)).any():
+        if everywhere.lacks(stays | ~wider) or everywhere.lacks(stays | (wider & ~reached)):
             deep = f"{layer} layer{'s' if layer > 1 else ''} deep"
             remedy = f"Use at most {layer - 1}, or enlarge them" if layer > 1 else "Enlarge them"
             raise SceneError(
@@ -133,7 +138,7 @@ def find_overlap(scene: Scene, mesh: HexMesh, peridynamic: np.ndarray, stays: np
                     f"finite-element regions are {deep}, seen from the interface. {remedy}."
                 ]
             )
-        if np.array_equal(wider, reached):
+        if not everywhere.count(wider != reached)[0]:
             break
         reached = wider
     return reached & ~peridynamic

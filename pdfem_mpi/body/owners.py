@@ -6,7 +6,7 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.found_region import Turning, turn
-from pdfem_mpi.body.subdomain import partition
+from pdfem_mpi.body.partitioning import partition
 from pdfem_mpi.deck.scene import Scene
 
 

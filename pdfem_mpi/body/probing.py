@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
@@ -9,10 +11,11 @@ from pdfem_mpi.body.locating import Weights, weights_at
 from pdfem_mpi.deck.outputs import DisplacementProbe, OpeningProbe
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import AXES, SceneError
+from pdfem_mpi.parallel.comm import broadcast
 
 
 def place_probes(scene: Scene, whole: Discretization) -> dict[str, Weights]:
-    """Weights by the names of columns.
+    """Weights by the names of columns. Collective, if the mesh is a part.
 
     Raises
     ------
@@ -26,7 +29,7 @@ def place_probes(scene: Scene, whole: Discretization) -> dict[str, Weights]:
             weights = _opening(whole, probe, f"probes.{index}", messages)
             found[f"{probe.name}.opening"] = weights
         elif isinstance(probe, DisplacementProbe):
-            weights, _ = weights_at(whole, np.array(probe.point))
+            weights, _ = _weights_at(whole, np.array(probe.point))
             for d, axis in enumerate(AXES):
                 found[f"{probe.name}.u_{axis}"] = weights.along([float(d == e) for e in range(3)], 1.0)
     if messages:
@@ -38,7 +41,7 @@ def _opening(whole: Discretization, probe: OpeningProbe, where: str, messages: l
     """The displacement of the second point less that of the first, along a vector; ``messages`` get what is wrong."""
     found, wrong = [], len(messages)
     for name in ("one", "two"):
-        weights, outside = weights_at(whole, np.array(getattr(probe, name)))
+        weights, outside = _weights_at(whole, np.array(getattr(probe, name)))
         found.append(weights)
         if outside > whole.mesh.tolerance:
             messages.append(
@@ -52,6 +55,25 @@ def _opening(whole: Discretization, probe: OpeningProbe, where: str, messages: l
             "sides of a notch or a crack."
         )
     return two.along(probe.unit, 1.0).plus(one.along(probe.unit, -1.0))
+
+
+def _weights_at(body: Discretization, point: np.ndarray) -> tuple[Weights, float]:
+    """As `weights_at`, by numbers in the whole mesh. Collective, if the mesh is a part.
+
+    The rank of the cell whose middle is nearest sees the cells around it.
+    """
+    mesh, everywhere = body.mesh, body.mesh.everywhere
+    if everywhere.own is None:
+        return weights_at(body, point)
+    own = np.flatnonzero(everywhere.own)
+    square = ((mesh.centroids[own] - point) ** 2).sum(axis=1)
+    first = int(np.argmin(square))
+    nearest = everywhere.gathered([(float(square[first]), int(mesh.cell_id[own[first]]))])
+    rank, found = nearest.index(min(nearest)), None
+    if rank == everywhere.comm.rank:
+        weights, outside = weights_at(body, point)
+        found = replace(weights, nodes=mesh.node_id[weights.nodes], cells=mesh.cell_id[weights.cells]), outside
+    return broadcast(everywhere.comm, found, rank)
 
 
 def _same_nodes(one: Weights, two: Weights) -> bool:

@@ -30,7 +30,7 @@ def assign_regions(scene: Scene, mesh: HexMesh) -> np.ndarray:
                 unknown = True
                 continue
             inside = named_sets.cells(mesh, entry.set)
-        if not inside.any():
+        if mesh.everywhere.lacks(inside):
             shape = "box misses" if entry.radius is None else "ball or cylinder misses"
             keys = "lower or upper" if entry.radius is None else "centre or radius"
             messages.append(
@@ -39,13 +39,13 @@ def assign_regions(scene: Scene, mesh: HexMesh) -> np.ndarray:
             )
         elif entry.radius is None:
             inside &= ~round_ones
-            if not inside.any():
+            if mesh.everywhere.lacks(inside):
                 messages.append(
                     f"regions.{entry.name} contains no cell: regions with a radius take all of its box. "
                     "Remove the region, or make them smaller."
                 )
         twice = inside & (region >= 0)
-        if twice.any():
+        if mesh.everywhere.wrong(twice):
             other = scene.regions[region[np.flatnonzero(twice)[0]]].name
             messages.append(
                 f"regions.{entry.name} overlaps regions.{other} in {np.count_nonzero(twice)} cells, the first "
@@ -53,7 +53,7 @@ def assign_regions(scene: Scene, mesh: HexMesh) -> np.ndarray:
             )
         region[inside & (region < 0)] = index
     left = region < 0
-    if left.any() and not unknown:
+    if mesh.everywhere.wrong(left) and not unknown:
         messages.append(
             f"regions leave out {np.count_nonzero(left)} of {len(region)} cells, the first {list_cells(mesh, left)}. "
             "Extend a region, or add one."

@@ -115,7 +115,15 @@ class Selections:
 
 
 def select_places(scene: Scene, discretization: Discretization) -> Selections:
-    """Find what the loads, the supports, springs and ties and the probes of sets of the deck speak of."""
+    """Find what the loads, the supports, springs and ties and the probes of sets of the deck speak of.
+
+    Cells and nodes are numbers in the whole mesh. Collective, if the mesh is a part.
+
+    Raises
+    ------
+    SeenInPart
+        Something is wrong with a selection, and the mesh is a part.
+    """
     names = [region.name for region in scene.regions]
     entries_of = {
         "loads": scene.loads,
@@ -139,10 +147,11 @@ def select_places(scene: Scene, discretization: Discretization) -> Selections:
                     chosen = ChosenPlaces(np.empty(0, np.int64), nodes, points)
                 elif entry is not None:
                     cells = _select_cells(discretization, entry, f"{kind}.{index}", names)
-                    nodes = np.zeros(0, bool)
+                    nodes = np.zeros(len(discretization.mesh.nodes), bool)
                     if kind in ("supports", "ties"):
                         nodes, messages = _select_nodes(discretization, entry, f"{kind}.{index}", cells)
-                    chosen = ChosenPlaces(np.flatnonzero(cells), np.flatnonzero(nodes))
+                    mesh = discretization.mesh
+                    chosen = ChosenPlaces(mesh.cell_id[cells], mesh.node_id[nodes])
             except SceneError as error:
                 messages = error.messages
             found[kind].append(chosen)
@@ -162,7 +171,7 @@ def _select_cells(discretization: Discretization, entry, where: str, names: list
         chosen = named_sets.cells_of(mesh, entry, where)
     else:
         chosen = mesh.cells_in_box(entry.lower, entry.upper)
-    if not chosen.any() and entry.set is None:
+    if entry.set is None and mesh.everywhere.lacks(chosen):
         raise SceneError(
             [f"{where} selects no cell of the mesh, whose cells are {mesh.largest_edge:.6g} wide. Widen its box."]
         )
@@ -185,8 +194,9 @@ def _select_faces(discretization: Discretization, load: Traction | Pressure, whe
     flat = np.ptp(corners, axis=1) <= tolerance
     on_planes = discretization.mirrors.normal_components(corners.reshape(-1, 3), tolerance).reshape(corners.shape)
     mirrored = (flat & on_planes.all(axis=1)).any(axis=1)
-    counts = (int(np.count_nonzero(chosen)) for chosen in (has_points, of_points, mirrored))
-    return ChosenFaces(cells, faces, len(faces), *counts)
+    own = mesh.everywhere.of_own(cells)
+    counts = mesh.everywhere.total(*(np.count_nonzero(own & kind) for kind in (own, has_points, of_points, mirrored)))
+    return ChosenFaces(mesh.cell_id[cells], mesh.node_id[faces], *counts)
 
 
 def _faces_in_box(mesh: HexMesh, load: Traction | Pressure, where: str) -> tuple[np.ndarray, np.ndarray]:
@@ -204,7 +214,8 @@ def _faces_in_box(mesh: HexMesh, load: Traction | Pressure, where: str) -> tuple
     for corner, sign in ((load.lower, 1.0), (load.upper, -1.0)):
         if corner is not None:
             inside &= (sign * (middles - np.array(corner)) >= -mesh.tolerance).all(axis=1)
-    if not inside.any():
+    everywhere = mesh.everywhere
+    if everywhere.refused(everywhere.total(np.count_nonzero(inside & everywhere.of_own(cells)))[0] == 0):
         raise SceneError(
             [f"{where} selects no face of the boundary: its box holds the middle of none. Widen it, or move it."]
         )

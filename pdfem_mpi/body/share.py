@@ -16,44 +16,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pdfem_mpi.body.boundaries import Boundaries
-from pdfem_mpi.body.counts import Counts, count
-from pdfem_mpi.body.discretization import Discretization, discretize
-from pdfem_mpi.body.found_region import FoundRegion, Turning, WholeRegion, cut_around, turn
+from pdfem_mpi.body.counts import Counts
+from pdfem_mpi.body.found_region import FoundRegion
 from pdfem_mpi.body.locating import Weights
 from pdfem_mpi.body.materials import MaterialTable
 from pdfem_mpi.body.model_units import ModelUnits
-from pdfem_mpi.body.overlap import describe_cracked_overlap
-from pdfem_mpi.body.probing import place_probes
-from pdfem_mpi.body.selection import Selections, select_places
-from pdfem_mpi.body.subdomain import (
-    Subdomain,
-    by_places,
-    count_neighbours,
-    cut_out,
-    locality_order,
-    node_owners,
-    partition,
-    split_nodes,
-)
-from pdfem_mpi.body.surface import surface_near
-from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.mesh.doubled import doubled_faces
+from pdfem_mpi.body.selection import Selections
+from pdfem_mpi.body.subdomain import Subdomain, locality_order, node_owners, split_nodes
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors
-from pdfem_mpi.mesh.part import MeshPart, take_part
+from pdfem_mpi.mesh.part import MeshPart
 from pdfem_mpi.mesh.quality import Quality
-from pdfem_mpi.parallel.comm import broadcast, sum_integers
+from pdfem_mpi.parallel.comm import sum_integers
 from pdfem_mpi.parallel.sums import exact_dots
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
-
-
-#: What a share has of each cell of the whole body.
-OF_CELLS = (
-    "region", "material", "is_peridynamic", "has_points", "is_overlap", "has_stiffness", "body", "point_row",
-    "free_row",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -207,94 +185,3 @@ class Share:
             body=np.full(len(everywhere), -1, np.int32),
             node_row=mesh.node_id,
         )
-
-
-def share_of(
-    scene: Scene,
-    comm: Intracomm,
-    mesh: HexMesh | None = None,
-    turning: Turning | None = None,
-    before: Share | None = None,
-) -> Share:
-    """This rank's share of a scene's body, see `discretize`, with cells that are turned, see `turn`. Collective."""
-    whole = (before and before.found.elements) or discretize(scene, mesh, comm)
-    if not scene.is_adaptive:
-        return make_share(scene, whole, comm)
-    region = turn(scene, whole, turning, comm.size == 1)
-    return make_share(scene, region.whole, comm, region)
-
-
-def make_share(scene: Scene, whole: Discretization, comm: Intracomm, region: WholeRegion | None = None) -> Share:
-    """Cut a rank's share out of the whole body. Collective.
-
-    Parameters
-    ----------
-    region : WholeRegion, optional
-        Of the whole body, where the run finds where bonds are needed.
-
-    Raises
-    ------
-    SceneError
-        More ranks than cells.
-    """
-    owner = partition(whole, comm.size, count_neighbours(whole, comm))
-    numbers = cut_out(whole, owner, comm.rank)
-    seen = whole.mesh.neighbours(owner == comm.rank)
-    seen[numbers.ghosts] = True
-    around = cut_around(whole, owner, comm.rank) if region else None
-    if around:
-        seen[around.ghosts] = True
-    mesh = take_part(whole.mesh, seen)
-    centred = whole.units.places(np.array([whole.mesh.lower, whole.mesh.upper]))
-
-    def of_cells(values: np.ndarray) -> np.ndarray:
-        return values if len(mesh.cells) == len(values) else values[seen]
-
-    def of_nodes(values: np.ndarray) -> np.ndarray:
-        return values if len(mesh.nodes) == len(values) else values[mesh.node_id]
-
-    return Share(
-        comm=comm,
-        mesh=mesh,
-        subdomain=by_places(numbers, mesh),
-        cell_owner=of_cells(owner),
-        units=whole.units,
-        nodes=of_nodes(whole.nodes),
-        lower=centred[0],
-        upper=centred[1],
-        materials=whole.materials,
-        **{name: of_cells(getattr(whole, name)) for name in OF_CELLS},
-        element_row=of_cells(np.where(whole.has_nodes, np.cumsum(whole.has_nodes) - 1, -1)),
-        node_row=of_nodes(whole.node_row),
-        cutoff=whole.cutoff,
-        mirrors=whole.mirrors,
-        reflections=whole.reflections,
-        **_faces(scene, whole, owner == comm.rank, region is not None),
-        counts=count(whole),
-        typical_edge=_typical_edge(whole),
-        joint_regions=np.unique(whole.region[whole.is_peridynamic & whole.is_overlap]),
-        overlap_regions=np.unique(whole.region[whole.is_overlap]),
-        quality=whole.quality,
-        notes=whole.notes,
-        crack_notes=tuple(describe_cracked_overlap(scene, whole)),
-        mesh_sha256=broadcast(comm, whole.mesh.sha256() if comm.rank == 0 else None),
-        body_sha256=broadcast(comm, whole.sha256() if comm.rank == 0 else None),
-        probes=place_probes(scene, whole),
-        selections=select_places(scene, whole).part(mesh),
-        boundaries=Boundaries.of(scene, whole, mesh),
-        found=region.rows.part(mesh, by_places(around, mesh)) if region else None,
-    )
-
-
-def _faces(scene: Scene, whole: Discretization, mine: np.ndarray, turnable: bool) -> dict[str, np.ndarray]:
-    """Faces at one place, where the deck keeps them as a crack, and the surface near some cells, bool (n_cells,)."""
-    doubled = np.empty((0, 4, 3))
-    if getattr(scene.mesh, "doubled_nodes", "refuse") == "crack":
-        doubled = (doubled_faces(whole.mesh)[0] - whole.units.origin) / whole.units.length
-    return {"doubled": doubled, "surface": surface_near(scene, whole, mine, turnable)}
-
-
-def _typical_edge(whole: Discretization) -> float:
-    positions, cells = whole.nodes, whole.mesh.cells
-    edge = np.sqrt(((positions[cells[:, 6]] - positions[cells[:, 0]]) ** 2).sum(axis=1) / 3.0)
-    return float(np.median(edge))

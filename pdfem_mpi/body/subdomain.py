@@ -1,8 +1,7 @@
-"""Which cells and nodes of the whole body a rank owns, and which it sees as ghosts.
+"""Which cells and nodes of the body a rank owns, and which it sees as ghosts.
 
-The unit of the partition is the cell: its points and its element live on one rank. A node belongs to the owner of
-its lowest-numbered cell. Ghost cells are those within the cutoff radius of an owned cell, ghost nodes those of
-owned elements and overlap cells that another rank owns.
+A node belongs to the owner of its lowest-numbered cell. Ghost cells are those within the cutoff radius of an owned
+cell, ghost nodes those of owned elements and overlap cells that another rank owns.
 """
 
 from __future__ import annotations
@@ -12,28 +11,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pdfem_mpi.body.counts import too_many_ranks
 from pdfem_mpi.body.discretization import Discretization
-from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.kernels.exact_sums import MOST_RANKS
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.mesh.hexmesh import HexMesh
-from pdfem_mpi.parallel.bisection import bisect
-from pdfem_mpi.parallel.comm import report_progress, sum_integers
 
 if TYPE_CHECKING:
-    from mpi4py.MPI import Intracomm
-
     from pdfem_mpi.mesh.part import MeshPart
 
-#: Cost of a bond sweep over the neighbour cells of a peridynamic cell, per neighbour, of one element, and of any cell
-#: in the cycle of conjugate gradients' preconditioner; units of ns.
-NEIGHBOUR_COST, ELEMENT_COST, CYCLE_COST = 40, 60, 280
 #: Distance of two centroids beyond that of the two balls around their cells' Gauss points, and the balls' radii, in
 #: longest edges, at most: two nodes of a cell are three edges apart or less.
 WIDEST_BALLS = 12.0
-#: Cells between two beats of this rank: it is at work, and says so.
-BATCH = 65536
+#: Cells whose balls are found together.
+BALLS = 1024
 
 
 @dataclass(frozen=True)
@@ -73,64 +62,7 @@ class Subdomain:
         return np.concatenate([self.free, self.overlap, self.ghosts, self.images])
 
 
-def count_neighbours(discretization: Discretization, comm: Intracomm) -> np.ndarray | None:
-    """Neighbours of all cells with points, each rank counting those of a block; None on one rank. Collective."""
-    return None if comm.size == 1 else sum_integers(comm, _neighbours(discretization, comm.rank, comm.size))
-
-
-def _neighbours(discretization: Discretization, block: int = 0, n_blocks: int = 1) -> np.ndarray:
-    """Cells with points, and images of them, within the cutoff radius of each cell with points, centre to centre.
-
-    int64, shape (n_point_cells,); 0 outside of the block.
-    """
-    chosen = _centroids(discretization)[discretization.has_points]
-    counts = np.zeros(len(chosen), np.int64)
-    if len(chosen):
-        from scipy.spatial import cKDTree
-
-        _, _, images = near_images(discretization, chosen, chosen)
-        tree = cKDTree(np.concatenate([chosen, images]))
-        first, last = (len(chosen) * k // n_blocks for k in (block, block + 1))
-        for start in range(first, last, BATCH):
-            part = slice(start, min(start + BATCH, last))
-            counts[part] = tree.query_ball_point(chosen[part], discretization.cutoff, return_length=True)
-            report_progress()
-    return counts
-
-
-def partition(discretization: Discretization, n_parts: int, neighbours: np.ndarray | None = None) -> np.ndarray:
-    """Owner of every cell of the mesh: recursive bisection, cells weighted by the cost of a force evaluation.
-
-    Parameters
-    ----------
-    neighbours : int64, shape (n_point_cells,), optional
-        What `count_neighbours` finds; counted here, if not given.
-
-    Returns
-    -------
-    int32, shape (n_cells,)
-
-    Raises
-    ------
-    SceneError
-        More parts than cells, or than sums are exact for.
-    """
-    if n_parts > MOST_RANKS:
-        raise SceneError(
-            [f"{n_parts} ranks are more than {MOST_RANKS:,}, up to which sums over ranks are exact. Use fewer."]
-        )
-    n_cells = len(discretization.mesh.cells)
-    if n_parts > n_cells:
-        raise SceneError([too_many_ranks(n_parts, n_cells)])
-    weights = np.full(n_cells, CYCLE_COST if discretization.has_cycle else 0, np.int64)
-    weights[discretization.has_nodes] += ELEMENT_COST
-    if n_parts > 1:
-        counts = _neighbours(discretization) if neighbours is None else neighbours
-        weights[discretization.has_points] += NEIGHBOUR_COST * counts
-    return bisect(_centroids(discretization), weights, n_parts)
-
-
-def _centroids(discretization: Discretization) -> np.ndarray:
+def centroids_of(discretization: Discretization) -> np.ndarray:
     """Of all cells, model units."""
     return discretization.units.places(discretization.mesh.centroids)
 
@@ -161,12 +93,12 @@ def cut_out(discretization: Discretization, owner: np.ndarray, rank: int) -> Sub
     )
 
 
-def by_places(numbers: Subdomain, mesh: MeshPart) -> Subdomain:
+def by_places(found: Subdomain, mesh: HexMesh, part: MeshPart) -> Subdomain:
     """The same cells and nodes by their places in a part of the mesh."""
-    cells = {name: mesh.places_of_cells(getattr(numbers, name)) for name in
+    cells = {name: part.places_of_cells(mesh.cell_id[getattr(found, name)]) for name in
              ("free", "overlap", "ghosts", "images", "elements")}  # fmt: skip
-    nodes = {name: mesh.places_of_nodes(getattr(numbers, name)) for name in ("owned_nodes", "ghost_nodes")}
-    return replace(numbers, **cells, **nodes)
+    nodes = {name: part.places_of_nodes(mesh.node_id[getattr(found, name)]) for name in ("owned_nodes", "ghost_nodes")}
+    return replace(found, **cells, **nodes)
 
 
 def node_owners(mesh: HexMesh, carries: np.ndarray, owner: np.ndarray) -> np.ndarray:
@@ -205,7 +137,7 @@ def _ghost_cells(discretization, owner, rank, order) -> np.ndarray:
     if not len(mine) or not len(others):
         return np.empty(0, np.int64)
     others = _near_box(discretization, mine, others)
-    (centre, radius), (owned_centre, owned_radius) = (_cell_balls(discretization, some) for some in (others, mine))
+    (centre, radius), (owned_centre, owned_radius) = (cell_balls(discretization, some) for some in (others, mine))
     if not len(others):
         return np.empty(0, np.int64)
     from scipy.spatial import cKDTree
@@ -222,7 +154,7 @@ def _ghost_cells(discretization, owner, rank, order) -> np.ndarray:
 
 def _near_box(discretization, mine, others) -> np.ndarray:
     """Those of other cells whose balls may come within the cutoff radius of a ball of the rank's own; int64."""
-    mesh, centroids = discretization.mesh, _centroids(discretization)
+    mesh, centroids = discretization.mesh, centroids_of(discretization)
     reach = discretization.cutoff + WIDEST_BALLS * mesh.largest_edge / discretization.units.length
     low, high = centroids[mine].min(axis=0) - reach, centroids[mine].max(axis=0) + reach
     return others[((centroids[others] >= low) & (centroids[others] <= high)).all(axis=1)]
@@ -235,7 +167,7 @@ def _image_cells(discretization, owned, ghosts) -> tuple[np.ndarray, np.ndarray]
     from scipy.spatial import cKDTree
 
     cells = np.concatenate([owned, ghosts])
-    centre, radius = _cell_balls(discretization, cells)
+    centre, radius = cell_balls(discretization, cells)
     own = slice(0, len(owned))
     near, reflection, images = near_images(discretization, centre, centre[own], 2.0 * radius.max())
     distance, _ = cKDTree(centre[own]).query(images)
@@ -269,8 +201,12 @@ def near_images(discretization, x, target, margin=0.0) -> tuple[np.ndarray, np.n
     return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
 
-def _cell_balls(discretization, cells) -> tuple[np.ndarray, np.ndarray]:
+def cell_balls(discretization, cells) -> tuple[np.ndarray, np.ndarray]:
     """Centre and radius of a ball around the Gauss points of some cells, model units."""
-    points = gauss_positions(discretization.nodes[discretization.mesh.cells[cells]])
-    centre = 0.5 * (points.min(axis=1) + points.max(axis=1))
-    return centre, np.sqrt(((points - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
+    centre, radius = np.empty((len(cells), 3)), np.empty(len(cells))
+    for start in range(0, len(cells), BALLS):
+        part = slice(start, start + BALLS)
+        points = gauss_positions(discretization.nodes[discretization.mesh.cells[cells[part]]])
+        centre[part] = 0.5 * (points.min(axis=1) + points.max(axis=1))
+        radius[part] = np.sqrt(((points - centre[part, None]) ** 2).sum(axis=2).max(axis=1))
+    return centre, radius

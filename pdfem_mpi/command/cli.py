@@ -192,6 +192,8 @@ def check(
     ] = None,
 ) -> int:
     """Validate DECK as a run would, and print what was understood and what it will take."""
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise fail([f"pdfem: --picture {picture}: it is a PNG file. Give a name with .png."], launch.rank_by_launcher())
     comm = start_world(None)
     let_interrupts_end_all(comm)
     scene = read_scene(deck, overrides or [], comm)

@@ -54,7 +54,8 @@ def export(
         print_problems([f"pdfem: {error.filename or out}: {error.strerror or error}. Choose another folder."], 0)
         return EXIT_NOT_WRITTEN
     shown = [path for path in paths if path.suffix != ".vtu"]
-    print_at_once(f"{len(paths):,} files in {out}; open {', '.join(path.name for path in shown)}")
+    count = "1 file" if len(paths) == 1 else f"{len(paths):,} files"
+    print_at_once(f"{count} in {out}; open {', '.join(path.name for path in shown)}")
     return EXIT_FINISHED
 
 

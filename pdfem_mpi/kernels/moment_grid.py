@@ -1,11 +1,10 @@
-"""Ten moments a point, to and from the nodes of a background grid of triquadratic elements."""
+"""Ten multipliers a point, or nine, to and from the nodes of a background grid of triquadratic elements."""
 
 import math
 
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.monomials import N
 from pdfem_mpi.kernels.simd import PATTERN, W
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
@@ -42,14 +41,15 @@ def restrict_moments(n_points, x, lower, inverse_h, counts, number, r, quantum, 
         Elements along the axes.
     number : int64, shape (n_grid_nodes,)
         Numbers of the grid's nodes.
-    r : float64, shape (n_points * 10,)
+    r : float64, shape (n_points * size,)
     quantum : float
         Power of two; a term must stay below ``2**51`` quanta, a sum below ``2**62``.
-    coarse : int64, shape (n_nodes, 10)
+    coarse : int64, shape (n_nodes, size)
         Added to.
     """
     # the bits of a number beside M, less those of M, count its quanta
     M = PATTERN * quantum
+    N = coarse.shape[1]
     terms = np.full(N, M)
     bits = terms.view(np.int64)
     of_M = bits[0]
@@ -76,6 +76,7 @@ def restrict_moments(n_points, x, lower, inverse_h, counts, number, r, quantum, 
 @njit(**_options)
 def interpolate_moments(n_points, x, lower, inverse_h, counts, number, coarse, z):
     """Add ``T coarse`` to ``z``; parameters as in `restrict_moments`, ``coarse`` float64."""
+    N = coarse.shape[1]
     weights = np.empty((3, 3))
     own = np.empty(N)
     for p in range(n_points):

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from pdfem_mpi.kernels.banded import factor_of_band, solution_of_band
+from pdfem_mpi.mesh.extrusion import Extrusion, Grid, Plane
 from pdfem_mpi.mesh.hexmesh import HexMesh
 
 #: Edges of the square left out around a hole, per radius over spacing. The circle has as many edges as the square:
@@ -23,6 +24,11 @@ REFINEMENTS = 6
 
 
 def box(lower, upper, n_cells) -> HexMesh:
+    """Equal cells in a box, all of them; see `box_layers`."""
+    return box_layers(lower, upper, n_cells).whole()
+
+
+def box_layers(lower, upper, n_cells) -> Extrusion:
     """Equal cells in a box; nodes and cells are numbered with x fastest.
 
     Parameters
@@ -36,16 +42,16 @@ def box(lower, upper, n_cells) -> HexMesh:
     for low, high, n in zip(lower, upper, n_cells, strict=True):
         t = np.arange(n + 1) / n
         axes.append(low * (1.0 - t) + high * t)
-    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
-    nodes = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
-    nx, ny, nz = n_cells
-    k, j, i = (a.ravel() for a in np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij"))
-    corner = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    cells = np.stack([((k + c) * (ny + 1) + (j + b)) * (nx + 1) + (i + a) for a, b, c in corner], axis=1)
-    return HexMesh(nodes, cells.astype(np.int32))
+    x, y, z = axes
+    return Extrusion(Grid((x, y)), z)
 
 
 def plate_with_hole(lower, upper, hole_radius, spacing, symmetry=()) -> HexMesh:
+    """A plate with a hole, all of it; see `plate_layers`."""
+    return plate_layers(lower, upper, hole_radius, spacing, symmetry).whole()
+
+
+def plate_layers(lower, upper, hole_radius, spacing, symmetry=()) -> Extrusion:
     """A plate with a circular hole through its thickness (z) at its centre (Fig. 13).
 
     Far from the hole cells are cubes of the regular grid of `box`. A square of that grid is left out at the hole, and
@@ -86,11 +92,7 @@ def plate_with_hole(lower, upper, hole_radius, spacing, symmetry=()) -> HexMesh:
     plane, quads = _kept_part(plane, quads, place[:, 1:] * kept_side)
 
     t = np.arange(n_cells[2] + 1) / n_cells[2]
-    z = lower[2] * (1.0 - t) + upper[2] * t
-    nodes = np.column_stack([np.tile(plane, (len(z), 1)), np.repeat(z, len(plane))])
-    layers = len(plane) * np.arange(n_cells[2])[:, None, None]
-    cells = np.concatenate([quads + layers, quads + layers + len(plane)], axis=2).reshape(-1, 8)
-    return HexMesh(nodes, cells.astype(np.int32))
+    return Extrusion(Plane(plane, quads), lower[2] * (1.0 - t) + upper[2] * t)
 
 
 def _kept_part(plane: np.ndarray, quads: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from pdfem_mpi.kernels.dense import lengths
+from pdfem_mpi.mesh.everywhere import Everywhere
 
 #: A node lies on a plane, or a centroid in a box, within this fraction of the body's size.
 POSITION_TOLERANCE = 1e-6
@@ -47,16 +48,22 @@ class HexMesh:
     node_sets: Mapping[str, np.ndarray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
+    #: What it knows of cells beyond its own.
+    everywhere = Everywhere()
+
+    @cached_property
+    def cell_id(self) -> np.ndarray:
+        """Numbers of the cells in the whole mesh; int64, shape (n_cells,)."""
+        return np.arange(len(self.cells))
+
+    @cached_property
+    def node_id(self) -> np.ndarray:
+        """Numbers of the nodes in the whole mesh; int64, shape (n_nodes,)."""
+        return np.arange(len(self.nodes))
+
     def sha256(self) -> str:
         """Identity of the content: the same nodes, cells and named sets in the same order have the same digest."""
-        digest = hashlib.sha256()
-        for array, dtype in ((self.nodes, "<f8"), (self.cells, "<i4")):
-            digest.update(f"{array.shape} ".encode() + np.ascontiguousarray(array, dtype).tobytes())
-        for kind in ("cell_sets", "face_sets", "node_sets"):
-            for name, members in sorted(getattr(self, kind).items()):
-                digest.update(f"{kind} {len(name)} {name} {members.size} ".encode())
-                digest.update(np.ascontiguousarray(members, "<i8").tobytes())
-        return digest.hexdigest()
+        return _sha256(self)
 
     @cached_property
     def lower(self) -> np.ndarray:
@@ -149,16 +156,8 @@ class HexMesh:
 
     @cached_property
     def boundary(self) -> tuple[np.ndarray, np.ndarray]:
-        """Faces that belong to one cell only, in the order of cells.
-
-        Returns
-        -------
-        cells : int64, shape (n_faces,)
-        sides : int64, shape (n_faces,)
-            Row of ``FACES``.
-        """
-        number = equal_rows(np.sort(self.cells[:, FACES].reshape(-1, 4), axis=1))
-        return np.divmod(np.flatnonzero(np.bincount(number)[number] == 1), len(FACES))
+        """Faces that belong to one cell only, in the order of cells: their cells and rows of ``FACES``; int64."""
+        return _boundary(self)
 
     def neighbours(self, chosen: np.ndarray) -> np.ndarray:
         """The chosen cells and all cells that share a node with one of them.
@@ -183,16 +182,35 @@ def _range_of_edges(mesh: HexMesh) -> tuple[float, float]:
     return min(low for low, _ in ranges), max(high for _, high in ranges)
 
 
+def _boundary(mesh: HexMesh) -> tuple[np.ndarray, np.ndarray]:
+    number = equal_rows(np.sort(mesh.cells[:, FACES].reshape(-1, 4), axis=1))
+    return np.divmod(np.flatnonzero(np.bincount(number)[number] == 1), len(FACES))
+
+
+def _sha256(mesh: HexMesh) -> str:
+    digest = hashlib.sha256()
+    for array, dtype in ((mesh.nodes, "<f8"), (mesh.cells, "<i4")):
+        digest.update(f"{array.shape} ".encode() + np.ascontiguousarray(array, dtype).tobytes())
+    for kind in ("cell_sets", "face_sets", "node_sets"):
+        for name, members in sorted(getattr(mesh, kind).items()):
+            digest.update(f"{kind} {len(name)} {name} {members.size} ".encode())
+            digest.update(np.ascontiguousarray(members, "<i8").tobytes())
+    return digest.hexdigest()
+
+
 def list_cells(mesh: HexMesh, cells: np.ndarray) -> str:
-    """The first few of some cells and where they are.
+    """The first few of some cells and where they are. Collective, if the mesh is a part.
 
     Parameters
     ----------
     cells : int64, shape (n,), or bool, shape (n_cells,)
-        Numbers of the cells in any order, or which they are.
+        Places of the cells in any order, or which they are.
     """
-    numbers = np.flatnonzero(cells) if cells.dtype == bool else np.unique(cells)
-    return ", ".join(f"{cell} at ({', '.join(f'{c:.6g}' for c in mesh.centroids[cell])})" for cell in numbers[:LISTED])
+    places = np.flatnonzero(cells) if cells.dtype == bool else np.unique(cells)
+    places = places[mesh.everywhere.of_own(places)][:LISTED]
+    first = [(int(mesh.cell_id[place]), mesh.centroids[place].tolist()) for place in places]
+    first = sorted(mesh.everywhere.gathered(first))[:LISTED]
+    return ", ".join(f"{number} at ({', '.join(f'{c:.6g}' for c in centroid)})" for number, centroid in first)
 
 
 def equal_rows(rows: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdfem_mpi.mesh.everywhere import Everywhere
 from pdfem_mpi.mesh.hexmesh import HexMesh
 
 
@@ -30,11 +31,14 @@ class MeshPart(HexMesh):
         Of the whole mesh.
     cell_id, node_id : int64, shapes (n_cells,), (n_nodes,)
         Numbers in the whole mesh, rising.
+    everywhere : Everywhere, or None
+        Of which cells this rank answers for all ranks, where they ask together.
     """
 
     measures: Measures | None = None
     cell_id: np.ndarray | None = None
     node_id: np.ndarray | None = None
+    everywhere: Everywhere | None = None
 
     @property
     def lower(self) -> np.ndarray:
@@ -80,8 +84,7 @@ def take_part(mesh: HexMesh, cells: np.ndarray) -> MeshPart:
     """
     measures = Measures(mesh.lower, mesh.upper, mesh.tolerance, mesh.smallest_edge, mesh.largest_edge)
     if cells.all():
-        numbers = np.arange(len(mesh.cells)), np.arange(len(mesh.nodes))
-        return MeshPart(mesh.nodes, mesh.cells, measures=measures, cell_id=numbers[0], node_id=numbers[1])
+        return MeshPart(mesh.nodes, mesh.cells, measures=measures, cell_id=mesh.cell_id, node_id=mesh.node_id)
     used = np.zeros(len(mesh.nodes), bool)
     used[mesh.cells[cells]] = True
     place = (np.cumsum(used) - 1).astype(mesh.cells.dtype)
@@ -89,6 +92,6 @@ def take_part(mesh: HexMesh, cells: np.ndarray) -> MeshPart:
         mesh.nodes[used],
         place[mesh.cells[cells]],
         measures=measures,
-        cell_id=np.flatnonzero(cells),
-        node_id=np.flatnonzero(used),
+        cell_id=mesh.cell_id[cells],
+        node_id=mesh.node_id[used],
     )

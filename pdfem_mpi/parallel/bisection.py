@@ -51,7 +51,7 @@ def bisect(positions: np.ndarray, weights: np.ndarray, n_parts: int) -> np.ndarr
         raise ValueError("bisect: positions must be finite and weights not negative.")
 
     owner, on_left = np.zeros(len(weights), dtype=np.int32), np.zeros(len(weights), dtype=bool)
-    edge = mean_edge(positions)
+    edge = mean_edge(len(positions), np.ptp(positions, axis=0) if len(positions) else np.zeros(3))
 
     def divide(orders, first_part, n_parts):
         """Give the cells of ``orders`` (the same cells, sorted along x, y and z) to ``n_parts`` parts."""
@@ -71,20 +71,21 @@ def bisect(positions: np.ndarray, weights: np.ndarray, n_parts: int) -> np.ndarr
     return owner
 
 
-def mean_edge(positions: np.ndarray) -> float:
-    """Return the edge h of n cubes whose centres span the same box: ``prod (L_d + h) = n h^3``.
+def mean_edge(n: int, sides: np.ndarray) -> float:
+    """Return the edge h of n cubes whose centres span a box: ``prod (L_d + h) = n h^3``.
 
     Parameters
     ----------
-    positions : float64, shape (n_cells, 3), dimension length
+    n : int
+    sides : float64, shape (3,), dimension length
+        Of the box.
 
     Returns
     -------
     float, dimension length
         0 when all positions are equal.
     """
-    n = len(positions)
-    x, y, z = (float(side) for side in np.ptp(positions, axis=0)) if n else (0.0, 0.0, 0.0)
+    x, y, z = (float(side) for side in sides)
     low, high = 0.0, 4.0 * max(x, y, z)  # h = 3.85 L for two cells on the diagonal of a cube
     while n > 1 and high > low * (1.0 + 1e-6):
         h = 0.5 * (low + high)

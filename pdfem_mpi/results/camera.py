@@ -19,10 +19,11 @@ VIEWS = tuple(CAMERAS)
 ABOVE, BELOW = 0.09, 0.17
 
 
-def look(plotter: Any, view: str, bounds: Sequence[float]) -> None:
-    """Place the camera: parallel rays, the body between the words above and the scale below."""
+def look(plotter: Any, view: str, bounds: Sequence[float], below: float = BELOW) -> None:
+    """Place the camera: parallel rays, the body between the words above and what is below, a share of the height."""
     towards, up = CAMERAS[view]
-    size = plotter.window_size
+    left, bottom, end, top = plotter.renderer.viewport  # of several panels the one that is drawn
+    size = plotter.window_size[0] * (end - left), plotter.window_size[1] * (top - bottom)
     towards, up = np.array(towards, float), np.array(up, float)
     towards /= np.linalg.norm(towards)
     right = np.cross(up, towards)
@@ -31,8 +32,8 @@ def look(plotter: Any, view: str, bounds: Sequence[float]) -> None:
     low, high = np.array(bounds[0::2]), np.array(bounds[1::2])
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
     width, height = np.ptp(corners @ right), np.ptp(corners @ upright)
-    whole = max(height / (1.0 - ABOVE - BELOW), width / (0.94 * size[0] / size[1]), 1e-300)
-    centre = 0.5 * (low + high) - 0.5 * (BELOW - ABOVE) * whole * upright
+    whole = max(height / (1.0 - ABOVE - below), width / (0.94 * size[0] / size[1]), 1e-300)
+    centre = 0.5 * (low + high) - 0.5 * (below - ABOVE) * whole * upright
     plotter.camera.parallel_projection = True
     plotter.camera.focal_point = centre
     plotter.camera.position = centre + 4.0 * max(np.linalg.norm(high - low), 1e-300) * towards

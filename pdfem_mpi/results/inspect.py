@@ -86,7 +86,7 @@ def _describe_folder(folder: Path) -> tuple[str, Rows, str | None]:
     if found and not sound:
         return f"{folder}: a run", rows, f"no checkpoint in {folder} is sound. Start again with --overwrite."
     if not found:
-        rows.append(("checkpoints", "none yet"))
+        rows.append(("checkpoints", "none"))
     return f"{folder}: a run", rows, None
 
 

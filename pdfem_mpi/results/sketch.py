@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pdfem_mpi.results.camera import look
+from pdfem_mpi.results.camera import BELOW, look
 from pdfem_mpi.results.pictures import load_pyvista, outside, shot
 from pdfem_mpi.system.files import replacing
 
@@ -20,6 +20,9 @@ REGIONS = (
 )  # fmt: skip
 MARKS = {"supports": "#0072b2", "springs": "#009e73", "ties": "#cc79a7"}
 LOADS, CRACKS = "#d55e00", "#000000"
+#: Where the legend begins, from the lower left corner, and the height of a line, all over the picture's sides; how many
+#: lines there are, and letters that have room beside.
+LEGEND, MOST_LABELS, LETTERS = (0.63, 0.02, 0.03), 24, 40
 #: Longest arrow over the body's size, and most places of one kind that are drawn.
 LONGEST, MOST = 0.15, 1500
 
@@ -128,10 +131,14 @@ def _thinned(rows: np.ndarray) -> np.ndarray:
 def _finish(plotter: Any, sketch: Sketch, title: str, labels: list[list[str]]) -> None:
     plotter.set_background("white")
     plotter.add_text(title[:90], position="upper_left", font_size=10, color="black")
-    if labels:
-        plotter.add_legend(labels, bcolor="white", border=False, loc="lower right", size=(0.22, 0.03 * len(labels)))
+    labels = labels[:MOST_LABELS]
+    for line, (name, colour) in enumerate(reversed(labels)):
+        short = name if len(name) <= LETTERS else f"{name[: LETTERS - 3]}..."
+        place = LEGEND[0], LEGEND[1] + LEGEND[2] * line
+        plotter.add_text(short, position=place, viewport=True, font_size=9, color=colour)
     plotter.add_axes(color="black")
-    look(plotter, "iso", _bounds(sketch, LONGEST if sketch.forces.any() else 0.0))  # with room for arrows
+    room = LONGEST if sketch.forces.any() else 0.0  # for arrows
+    look(plotter, "iso", _bounds(sketch, room), max(BELOW, 2.0 * LEGEND[1] + LEGEND[2] * len(labels)))
 
 
 def _bounds(sketch: Sketch, room: float) -> np.ndarray:

@@ -89,14 +89,20 @@ def forget_peak() -> None:
         return
 
 
-def check_mesh(scene: Scene, n_cells: int, comm) -> None:
+def check_mesh(scene: Scene, n_cells: int, comm, seen: int | None = None) -> None:
     """Refuse a mesh that would not fit, before it is made or, from a file, given to all ranks. Collective.
+
+    Parameters
+    ----------
+    seen : int, optional
+        Cells that this rank makes; all, if not given.
 
     Raises
     ------
     SceneError
     """
-    _refuse(scene, comm, n_cells * (CELL_BYTES + CELL_PEAK_BYTES), f"the mesh of {n_cells:,} cells")
+    needed = (n_cells if seen is None else seen) * (CELL_BYTES + CELL_PEAK_BYTES)
+    _refuse(scene, comm, needed, f"the mesh of {n_cells:,} cells")
 
 
 def check_model(scene: Scene, share: Share, comm, held: float = 0.0) -> Need:

@@ -205,7 +205,8 @@ def table_of(summary: dict[str, Any]) -> list[tuple[str, str]]:
     rows.append(("other arrays", show(whole - sum(sizes[name] for name in large))))
     rows.append(("all arrays", show(whole)))
     start, estimated, peak = (sum(memory[f"{name}_bytes_per_rank"]) for name in ("before_set_up", "estimated", "peak"))
-    rows.append(("peak above that before set-up", f"{show_bytes(peak - start)}, estimated {show_bytes(estimated)}"))
+    more = f"{show_bytes(peak - start)} with libraries loaded since, estimated {show_bytes(estimated)} without"
+    rows.append(("peak above that before set-up", more))
     if memory["bond_kernels"]:
         rows.append(("bond kernels called", "; ".join(memory["bond_kernels"])))
     absent: dict[str, list[str]] = {}

@@ -6,14 +6,16 @@ import math
 import os
 from collections.abc import Collection
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from pdfem_mpi.body.cutting import cells_seen, share_of
 from pdfem_mpi.body.found_region import Turning
 from pdfem_mpi.body.meshing import make_mesh
-from pdfem_mpi.body.share import Share, share_of
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
@@ -91,8 +93,8 @@ def cut_share(scene: Scene, comm, turning: Turning | None = None, before: Share 
         On all ranks.
     """
     if before and before.found.elements:
-        return share_of(scene, comm, None, turning, before)
-    mesh = None
+        return share_of(scene, comm, None, turning, before=before)
+    mesh = before_whole = None
     if isinstance(scene.mesh, FileMesh):
         messages = []
         if comm.rank == 0:
@@ -105,8 +107,9 @@ def cut_share(scene: Scene, comm, turning: Turning | None = None, before: Share 
         check_mesh(scene, broadcast(comm, len(mesh.cells) if mesh else 0), comm)
         mesh = broadcast(comm, mesh)
     else:
-        check_mesh(scene, math.prod(scene.mesh.n_cells), comm)
-    return share_of(scene, comm, mesh, turning)
+        check_mesh(scene, n_cells := math.prod(scene.mesh.n_cells), comm, cells_seen(scene, comm))
+        before_whole = partial(check_mesh, scene, n_cells, comm)
+    return share_of(scene, comm, mesh, turning, before_whole)
 
 
 def cut_again(scene: Scene, before: Share) -> Share:

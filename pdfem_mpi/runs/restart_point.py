@@ -123,7 +123,8 @@ def choose_start(out: Path, resume: str, overwrite: bool) -> RestartPoint:
     if (resume == NEVER and (status or found)) or (resume == AUTO and (status == "finished" or (status and not found))):
         raise Refused(
             EXIT_USAGE,
-            f"the folder {out} already holds a run. Use --overwrite, or another folder with --out.",
+            f"the folder {out} already holds a run. Use --overwrite, or another folder with --out."
+            + (" `pdfem resume` goes on with a longer program." if status == "finished" and found else ""),
         )
     if not found:
         begun = (out / "deck.toml").exists()

@@ -75,6 +75,7 @@ LATE_IMPORTS = {
     ("body.boundaries", "scipy"),
     ("body.found_region", "scipy"),
     ("body.softening", "scipy"),
+    ("body.partitioning", "scipy"),
     ("body.subdomain", "scipy"),
     ("body.traction_opening", "scipy"),
     ("mesh.carving", "scipy"),
@@ -85,6 +86,7 @@ LATE_IMPORTS = {
     ("mesh.generators", "scipy"),
     ("mesh.merge", "scipy"),
     ("mesh.nodal_fields", "scipy"),
+    ("mesh.pieces", "scipy"),
     ("runs.failure_notes", "scipy"),
     ("solvers.preconditioner.grid_stiffness", "scipy"),
     ("solvers.preconditioner.levels", "scipy"),
@@ -181,7 +183,10 @@ def test_folders_import_downwards(module):
 
 
 #: Modules of the body that speak of all of its cells. The share of a rank is what later stages see.
-WHOLE_BODY = ("body.discretization", "body.subdomain", "body.regions", "body.overlap", "body.fitted_bodies")
+WHOLE_BODY = (
+    "body.discretization", "body.partitioning", "body.sight", "body.subdomain", "body.regions", "body.overlap",
+    "body.fitted_bodies",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if floor(name) is not None])

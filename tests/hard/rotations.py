@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pdfem_mpi.body.share import share_of
+from pdfem_mpi.body.cutting import share_of
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.fields import fields_sha256, gather_fields
 from pdfem_mpi.model.breaking import make_failure

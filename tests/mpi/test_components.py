@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.body import share as share_module
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.model.mechanisms import describe_motion
@@ -12,6 +11,7 @@ from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.parallel.slabs import gather_rows
 from support.bodies import build, make_scene
 from support.helpers import assert_all
+from support.owners import deal_out_by
 
 pytestmark = pytest.mark.mpi(min_size=2)
 
@@ -51,9 +51,8 @@ def found(body):
 def test_parts_are_the_same_on_any_number_of_ranks(comm, monkeypatch, owners, n_elements):
     expected, table = found(torn(mpi().COMM_SELF, n_elements))
     if owners == "random":
-        monkeypatch.setattr(
-            share_module,
-            "partition",
+        deal_out_by(
+            monkeypatch,
             lambda d, n, neighbours: np.random.default_rng(1).permutation(len(d.mesh.cells)).astype(np.int32) % n,
         )
     told, rows = found(torn(comm, n_elements))

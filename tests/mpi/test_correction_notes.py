@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pdfem_mpi.body.cutting import share_of
 from pdfem_mpi.body.meshing import make_mesh
-from pdfem_mpi.body.share import share_of
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.model.model import build_model

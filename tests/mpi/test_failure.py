@@ -5,13 +5,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pdfem_mpi.body import share as share_module
 from pdfem_mpi.deck.programs import Ramp, Steps
 from pdfem_mpi.parallel.comm import mpi
 from support.bodies import build
 from support.failing import DEAD, GRIPS, WEIGHT, chipped, failing, followed, numbers, of_bonds, opened, strip
 from support.held import beam
 from support.helpers import assert_all
+from support.owners import deal_out_by
 
 pytestmark = pytest.mark.mpi(min_size=2)
 
@@ -79,7 +79,7 @@ def test_cells_dealt_out_at_random(comm, monkeypatch):
     def random_owners(discretization, n_parts, neighbours):
         return (np.random.default_rng(3).permutation(len(discretization.mesh.cells)) % n_parts).astype(np.int32)
 
-    monkeypatch.setattr(share_module, "partition", random_owners)
+    deal_out_by(monkeypatch, random_owners)
     options, rows = SCENES["events, elements"]
     found = outcome(followed(strip(**options), rows, comm))
     assert_all(comm, found == expected, "another history than on one rank")

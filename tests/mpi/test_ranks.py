@@ -6,7 +6,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
-from pdfem_mpi.body import share as share_module
+from pdfem_mpi.body.partitioning import partition
 from pdfem_mpi.deck.loads import BodyForce, Force, Pressure, Support, Traction
 from pdfem_mpi.deck.materials import Interface, Material
 from pdfem_mpi.deck.meshes import BoxMesh
@@ -22,6 +22,7 @@ from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import follow_load_program, make_solver
 from support.bodies import build, make_scene, tension
 from support.helpers import assert_all
+from support.owners import deal_out_by
 
 pytestmark = pytest.mark.mpi(min_size=2)
 
@@ -288,7 +289,7 @@ def reversed_ranks(discretization, n_parts, neighbours, partition):
 OWNERS = {
     "random": partial(random_owners, seed=1),
     "random again": partial(random_owners, seed=2),
-    "reversed": partial(reversed_ranks, partition=share_module.partition),
+    "reversed": partial(reversed_ranks, partition=partition),
     "elements here, points there": by_model,
     "elements only elsewhere": points_without_overlap,
     "a single element": partial(single_cell, kind="element"),
@@ -311,7 +312,7 @@ OWNERS = {
 def test_iterations_do_not_depend_on_who_owns_what(comm, monkeypatch, owners, name):
     """Any map of cells to ranks gives the same bits, also where a rank has one description only or one cell."""
     expected = on_one_rank(few_iterations, name)
-    monkeypatch.setattr(share_module, "partition", OWNERS[owners])
+    deal_out_by(monkeypatch, OWNERS[owners])
     found = few_iterations(build(SCENES[name](), comm))
     assert_same(comm, found, expected)
 
@@ -319,7 +320,7 @@ def test_iterations_do_not_depend_on_who_owns_what(comm, monkeypatch, owners, na
 def test_mirror_images_do_not_depend_on_who_owns_what(comm, monkeypatch):
     """Images of own cells and of ghosts, through one, two and three planes, with cells dealt out one by one."""
     expected = on_one_rank(few_iterations, "coupled eighth, finite")
-    monkeypatch.setattr(share_module, "partition", OWNERS["random"])
+    deal_out_by(monkeypatch, OWNERS["random"])
     found = few_iterations(build(SCENES["coupled eighth, finite"](), comm))
     assert_same(comm, found, expected)
 
@@ -328,7 +329,7 @@ def test_mirror_images_do_not_depend_on_who_owns_what(comm, monkeypatch):
 def test_conjugate_gradients_do_not_depend_on_who_owns_what(comm, monkeypatch, owners):
     """The coarse space is the same whatever the map of cells to ranks."""
     expected = on_one_rank(equilibrium, "coupled, linear, appendix_a", "cg")
-    monkeypatch.setattr(share_module, "partition", OWNERS[owners])
+    deal_out_by(monkeypatch, OWNERS[owners])
     found = equilibrium(build(SCENES["coupled, linear, appendix_a"](solver="cg"), comm))
     assert_same(comm, found, expected)
 

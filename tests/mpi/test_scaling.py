@@ -3,14 +3,17 @@
 Also run on 8 and 32 ranks, oversubscribed: 216 cells a rank.
 """
 
+import math
+
 import numpy as np
 import pytest
 
+from pdfem_mpi.body.cutting import cells_seen, share_of
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.body.share import share_of
-from pdfem_mpi.body.subdomain import partition
+from pdfem_mpi.body.partitioning import partition
+from pdfem_mpi.body.sight import see
 from pdfem_mpi.kernels.exact_sums import SIZE
-from pdfem_mpi.parallel.comm import broadcast, sum_integers, world
+from pdfem_mpi.parallel.comm import broadcast, largest, sum_integers, world
 from pdfem_mpi.parallel.slabs import gather_rows
 from pdfem_mpi.parallel.traffic import TRAFFIC, join
 from pdfem_mpi.solvers.preconditioner import nested_grids
@@ -160,3 +163,20 @@ def test_shares_are_those_that_one_rank_would_cut():
     assert_all(comm, (share.cell_owner == owner[share.mesh.cell_id]).all(), "other owners")
     cells = gather_rows(comm, share.mesh.cell_id[share.is_owned], share.mesh.cell_id[share.is_owned], len(owner))
     assert_all(comm, cells is None or (cells == np.arange(len(owner))).all(), "cells without an owner")
+
+
+@pytest.mark.parametrize("coupled", [False, True], ids=["bonds", "coupled"])
+def test_a_rank_makes_its_cells_and_those_around_them(coupled):
+    """Of a bar, layers to both sides: within the cutoff radius, a cell more, and what overlap and nodes depend on."""
+    comm = world()
+    scene = scene_of(comm.size, 3 * comm.size if coupled else 0)
+    if comm.size == 1:
+        return
+    sight = see(scene, comm)
+    seen, own = len(sight.owner), np.count_nonzero(sight.owner == comm.rank)
+    beside = 36 * (math.ceil(sight.body.cutoff + 1.0) + 3 + coupled)
+    assert_all(comm, seen <= own + 2 * beside, f"{seen} cells are made for {own}")
+    (most,) = largest(comm, np.array([cells_seen(scene, comm)]))
+    assert_all(comm, seen <= 1.5 * most <= 1.5 * (2 * 6 * 36 + 2 * beside), f"{most} foretold")
+    (total,) = sum_integers(comm, np.array([own])).tolist()
+    assert_all(comm, total == 216 * comm.size, f"{total} cells")

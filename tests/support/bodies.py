@@ -10,7 +10,8 @@ from unittest.mock import patch
 
 import numpy as np
 
-from pdfem_mpi.body.share import Share, share_of
+from pdfem_mpi.body.cutting import share_of
+from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.loads import BodyForce, Traction
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.meshes import BoxMesh

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pdfem_mpi.body.cutting import make_share
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.body.share import make_share
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import make_load_case

@@ -16,7 +16,7 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from pdfem_mpi.body.share import share_of
+from pdfem_mpi.body.cutting import share_of
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.toml import parse_deck

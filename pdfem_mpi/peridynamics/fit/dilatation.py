@@ -8,8 +8,9 @@ balanced, whatever ``M``::
 
 with ``A_ij = k_ij a_i / (10 mu)`` and the area vectors ``N``. The weights ``a`` of smallest change from 1, each counted
 by its ``k``, have nine multipliers a point (`kernels.dilatation_fit`): a symmetric positive semi-definite system,
-solved by conjugate gradients with the inverse 9 x 9 blocks of the points. Its free motions are symmetric Killing
-tensors of rank 2 and the displacements that belong to them; ``N`` fulfils what follows from that (`areas`).
+solved by conjugate gradients with the inverse 9 x 9 blocks of the points and a background grid (`dilatation_grid`).
+Its free motions are symmetric Killing tensors of rank 2 and the displacements that belong to them; ``N`` fulfils what
+follows from that (`areas`).
 
 Weights are stored in single precision. As with the factors, the miss is measured with what is stored, and undone by the
 long bonds. All sums are exact: weights have the same bits on any number of ranks.
@@ -27,7 +28,15 @@ from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.peridynamics.bonds import Bonds
-from pdfem_mpi.peridynamics.fit.equations import LEAST_REFINEMENT, LONG_BONDS, MOST_REFINEMENTS, REFINEMENT
+from pdfem_mpi.peridynamics.fit.dilatation_grid import share_of_long_bonds
+from pdfem_mpi.peridynamics.fit.equations import (
+    LEAST_REFINEMENT,
+    LONG_BONDS,
+    MOST_REFINEMENTS,
+    REFINEMENT,
+    Grids,
+    add_grids,
+)
 from pdfem_mpi.peridynamics.fit.iterations import solve
 from pdfem_mpi.peridynamics.points import Points
 from pdfem_mpi.peridynamics.volumetric import SHEAR
@@ -58,7 +67,7 @@ class DilatationFit:
 
 
 def fit_dilatation(
-    comm, points: Points, bonds: Bonds, modulus: np.ndarray, areas: np.ndarray
+    comm, points: Points, bonds: Bonds, modulus: np.ndarray, areas: np.ndarray, grids: Grids
 ) -> tuple[Bonds, DilatationFit, list[np.ndarray]]:
     """The same bonds, whose volumetric part has fitted weights; what was reached; and multipliers. Collective.
 
@@ -70,6 +79,8 @@ def fit_dilatation(
         Young's modulus of bonds, `MaterialTable.own_bond_modulus`.
     areas : float64, shape (n_owned * 8, 3), dimension length^2
         Compatible area vectors of the owned points.
+    grids : list of FactorGrid, each with its clusters
+        Background grids of the bodies.
 
     Returns
     -------
@@ -78,7 +89,7 @@ def fit_dilatation(
     multipliers : list of float64, shapes (n_owned_clusters, 9, 4)
         With which `write_dilatation` gives the same bonds once more.
     """
-    system = _System(comm, points, bonds, modulus)
+    system = _System(comm, points, bonds, modulus, grids)
     goal = np.zeros((system.n, N, W))
     goal[:, 0:3] = 10.0 * SHEAR * points.volume.reshape(-1, 1, W)[: system.n]
     goal[:, 6:9] = -10.0 * SHEAR * areas.reshape(-1, W, 3).swapaxes(1, 2)
@@ -113,7 +124,8 @@ def write_dilatation(comm, points: Points, bonds: Bonds, modulus: np.ndarray, mu
 class _System:
     """Sums over the bonds for the nine equations of the owned points, vectors of shape (n_clusters, 9, 4)."""
 
-    def __init__(self, comm, points: Points, bonds: Bonds, modulus: np.ndarray):
+    def __init__(self, comm, points: Points, bonds: Bonds, modulus: np.ndarray, grids: Grids | None = None):
+        self.grids = grids or []
         self.comm, self.points, self.bonds, self.n = comm, points, bonds, 2 * points.n_owned
         self.modulus = np.repeat(modulus[points.material[: points.n_owned]], 2).reshape(-1, 1, 1)
         self.T = np.zeros((points.n_clusters, ROWS, W))
@@ -150,14 +162,17 @@ class _System:
         trace = block[:, range(N), range(N)].sum(axis=1)
         block[:, range(N), range(N)] += (PIN * trace + 1e-300)[:, None]
         self.inverse = solve_dense(block, np.broadcast_to(np.eye(N), block.shape))
+        self.stiffness = share_of_long_bonds(nearest, bonds.cutoff)
 
     def precondition(self, r: np.ndarray) -> np.ndarray:
-        """``B^-1 r``, entry by entry: the same bits whatever stands beside."""
+        """``B^-1 r``, entry by entry: the same bits whatever stands beside; and what the grids add."""
         rows = r.swapaxes(1, 2).reshape(-1, N)
         z = np.zeros_like(rows)
         for a in range(N):
             z += self.inverse[:, :, a] * rows[:, a, None]
-        return np.ascontiguousarray(z.reshape(-1, W, N).swapaxes(1, 2))
+        z = np.ascontiguousarray(z.reshape(-1, W, N).swapaxes(1, 2))
+        add_grids(self.comm, self.grids, self.stiffness, r, z)
+        return z
 
     def write(self, v: np.ndarray) -> None:
         """Add what multipliers make of the bonds to their weights."""

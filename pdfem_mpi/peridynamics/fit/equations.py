@@ -207,12 +207,17 @@ def _precondition(comm, blocks: np.ndarray, grids: Grids, stiffness: float, r: n
     """``B^-1 r + T (stiffness C)^-1 T^t r``."""
     z = np.empty_like(r)
     multiply_blocks(blocks, r.reshape(-1), z.reshape(-1))
+    add_grids(comm, grids, stiffness, r, z)
+    return z
+
+
+def add_grids(comm, grids: Grids, stiffness: float, r: np.ndarray, z: np.ndarray) -> None:
+    """``z += T (stiffness C)^-1 T^t r`` of all bodies. Collective."""
     quantum, _ = pattern_for(64.0 * size_of(comm, r))
     for clusters, grid in grids:
         part = z[clusters]
         grid.add_correction(comm, r[clusters], quantum, stiffness, part)
         z[clusters] = part
-    return z
 
 
 class _Equations:

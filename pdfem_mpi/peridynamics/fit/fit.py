@@ -19,15 +19,16 @@ from pdfem_mpi.parallel.slabs import gather_rows
 from pdfem_mpi.peridynamics.bonds import Bonds
 from pdfem_mpi.peridynamics.fit import cache as factor_cache
 from pdfem_mpi.peridynamics.fit.dilatation import DilatationFit, fit_dilatation, write_dilatation
+from pdfem_mpi.peridynamics.fit.dilatation_grid import limit_of_weights
 from pdfem_mpi.peridynamics.fit.equations import fit_factors, write_factors
-from pdfem_mpi.peridynamics.fit.grid import MOST_ENTRIES, make_factor_grid
+from pdfem_mpi.peridynamics.fit.grid import MOST_ENTRIES, LocalLimit, limit_of_factors, make_factor_grid
 from pdfem_mpi.peridynamics.fit.outcome import Fit
 from pdfem_mpi.peridynamics.points import Points
 
 #: Counts up whenever the algorithm gives other numbers: fits of before are not used again.
 VERSION = 10
 #: The same of the weights of the dilatation.
-DILATATION_VERSION = 1
+DILATATION_VERSION = 2
 #: Sweeps over the bonds that a fit takes on bodies of cubes, and bonds a second and core, all work between included.
 EXPECTED_SWEEPS, SWEEP_RATE = {"free": 180, "bounded": 330}, 7.5e7
 #: The run warns of a residual above the first, and does not use a fit above the second: some factors are then in the
@@ -105,7 +106,7 @@ def fit_body(
     slack = slack[cells].reshape(-1)
 
     def make_grids(omega):
-        return list(_make_grids(comm, share, cells, points, slack, omega))
+        return list(_make_grids(comm, share, cells, points, limit_of_factors(share.cutoff), slack, omega))
 
     bonds, fit, multipliers = fit_factors(
         comm, points, bonds, materials.own_bond_modulus, areas[cells].reshape(-1, 3), slack, signs == "bounded",
@@ -137,7 +138,9 @@ def _with_dilatation(
         bonds = write_dilatation(comm, points, bonds, modulus, _spread(number, stored))
     else:
         areas, _, _ = share.boundaries.areas_and_slack(False)
-        bonds, found, multipliers = fit_dilatation(comm, points, bonds, modulus, areas[cells].reshape(-1, 3))
+        none = np.zeros(8 * len(cells), bool)
+        grids = list(_make_grids(comm, share, cells, points, limit_of_weights(share.cutoff), none))
+        bonds, found, multipliers = fit_dilatation(comm, points, bonds, modulus, areas[cells].reshape(-1, 3), grids)
         if folders:
             stored = _gathered(comm, number, multipliers, share.counts.point_cells)
             if stored is not None:
@@ -169,7 +172,7 @@ def _spread(number: np.ndarray, stored: list[np.ndarray]) -> list[np.ndarray]:
     return [np.ascontiguousarray(rows.reshape(-1, 2, W, m)[number].swapaxes(2, 3)).reshape(-1, m, W) for rows in stored]
 
 
-def _make_grids(comm, share: Share, cells: np.ndarray, points: Points, slack: np.ndarray, omega):
+def _make_grids(comm, share: Share, cells: np.ndarray, points: Points, limit: LocalLimit, slack, omega=0.0):
     """Each body's clusters among the owned ones, and its background grid. Collective."""
     body, n_bodies = share.body, share.counts.bodies
     edge = share.mesh.mean_edge / share.units.length
@@ -186,7 +189,7 @@ def _make_grids(comm, share: Share, cells: np.ndarray, points: Points, slack: np
                 *own,
                 *box,
                 edge,
-                share.cutoff,
+                limit,
                 slack[clusters].reshape(-1),
                 omega,
                 MOST_ENTRIES / n_bodies,

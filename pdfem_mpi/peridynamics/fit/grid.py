@@ -12,6 +12,7 @@ body bends; trilinear ones lock, and take the more iterations the wider it is.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,26 @@ PIN = 1e-6
 
 
 @dataclass(frozen=True)
+class LocalLimit:
+    """What an operator on the multipliers of the points is for those that vary slowly, for a Young's modulus of 1.
+
+    Attributes
+    ----------
+    size : int
+        Multipliers of a point.
+    tables : dict of float64, shape (size, size)
+        The energy is ``1/2 w_i`` times the sum of ``D_d m : table : D_e m``, by the axes (d, e) along which the
+        multipliers are differentiated; None for their values.
+    free_motions : callable
+        Multipliers without energy at some positions, (n, 3): orthonormal rows, (k, n * size).
+    """
+
+    size: int
+    tables: dict[tuple[int | None, int | None], np.ndarray]
+    free_motions: Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
 class FactorGrid:
     """The level as seen from the points of one rank; the same factors on every rank.
 
@@ -52,7 +73,9 @@ class FactorGrid:
     number : int64, shape (n_grid_nodes,)
         Numbers of the nodes that touch the body, -1 for others.
     factor : Factor
-    free : float64, shape (at most 50, n_unknowns)
+    size : int
+        Unknowns of a node.
+    free : float64, shape (n_free, n_unknowns)
         Orthonormal free motions. They are kept out of the solve: round-off along them would be amplified by the
         inverse of ``PIN``.
     """
@@ -64,6 +87,7 @@ class FactorGrid:
     counts: np.ndarray
     number: np.ndarray
     factor: Factor
+    size: int
     free: np.ndarray
 
     @property
@@ -72,12 +96,12 @@ class FactorGrid:
         return self.n_points, self.x, self.lower, self.inverse_h, self.counts, self.number
 
     def add_correction(self, comm, r: np.ndarray, quantum: float, stiffness: float, z: np.ndarray) -> None:
-        """``z += T (stiffness C)^-1 T^t r`` for the owned points, vectors of shape (n_clusters, 10, 4). Collective."""
-        sums = np.zeros((self.free.shape[1] // N, N), np.int64)
+        """``z += T (stiffness C)^-1 T^t r`` for the owned points, vectors (n_clusters, size, 4). Collective."""
+        sums = np.zeros((self.free.shape[1] // self.size, self.size), np.int64)
         restrict_moments(*self.arrays, r.reshape(-1), quantum, sums)
         right = without_components(self.free, (sum_integers(comm, sums) * quantum).reshape(-1))
         correction = without_components(self.free, self.factor.solve(right)) / stiffness
-        interpolate_moments(*self.arrays, correction.reshape(-1, N), z.reshape(-1))
+        interpolate_moments(*self.arrays, correction.reshape(-1, self.size), z.reshape(-1))
 
 
 def tensor(cutoff: float) -> np.ndarray:
@@ -89,6 +113,12 @@ def tensor(cutoff: float) -> np.ndarray:
     odd_factorial = np.array([1.0, 0.0, 1.0, 0.0, 3.0, 0.0, 15.0, 0.0, 105.0])  # (k - 1)!!, the mean of an even power
     mean = np.prod(odd_factorial[powers], axis=-1) / 945.0
     return strength * np.sqrt(np.outer(MULTIPLICITY, MULTIPLICITY)) * mean
+
+
+def limit_of_factors(cutoff: float) -> LocalLimit:
+    """That of the fit of bond factors."""
+    of_bonds = tensor(cutoff)
+    return LocalLimit(N, {(d, e): of_bonds[d, e] for d in range(3) for e in range(3)}, free_motions)
 
 
 def share_of_long_bonds(nearest: float, cutoff: float) -> float:
@@ -108,12 +138,12 @@ def make_factor_grid(
     lower: np.ndarray,
     upper: np.ndarray,
     edge: float,
-    cutoff: float,
+    limit: LocalLimit,
     slack: np.ndarray,
     omega: float,
     most_entries: float = MOST_ENTRIES,
 ) -> FactorGrid:
-    """Set up the grid over the owned points of a body on all ranks, of Young's modulus 1. Collective.
+    """Set up the grid over the owned points of a body on all ranks. Collective.
 
     Parameters
     ----------
@@ -125,7 +155,7 @@ def make_factor_grid(
         Corners of a box around all points.
     edge : float
         Typical edge of a cell.
-    cutoff : float
+    limit : LocalLimit
     slack : bool, shape (n,)
         Points whose diagonal is raised by ``omega``.
     most_entries : float
@@ -138,7 +168,7 @@ def make_factor_grid(
         omega = 0.0
 
     moments = _moments(comm, x, volume, (lower, inverse_h, counts), slack, bool(omega))
-    used, number, matrix = _assemble(moments, counts, inverse_h, tensor(cutoff), omega)
+    used, number, matrix = _assemble(moments, counts, inverse_h, limit, omega)
     index = np.stack(np.unravel_index(used, 2 * counts + 1), axis=1)
     return FactorGrid(
         n_points=n,
@@ -148,8 +178,9 @@ def make_factor_grid(
         counts=counts,
         number=number,
         factor=factorise(matrix, dissect(counts, number)),
+        size=limit.size,
         # a slack holds them all
-        free=np.zeros((0, N * len(used))) if omega else free_motions(index * (0.5 / inverse_h)),
+        free=np.zeros((0, limit.size * len(used))) if omega else limit.free_motions(index * (0.5 / inverse_h)),
     )
 
 
@@ -175,7 +206,7 @@ def _moments(comm, x: np.ndarray, volume: np.ndarray, place, slack: np.ndarray, 
 
 
 def _assemble(
-    moments: np.ndarray, counts: np.ndarray, inverse_h: np.ndarray, of_bonds: np.ndarray, omega: float
+    moments: np.ndarray, counts: np.ndarray, inverse_h: np.ndarray, limit: LocalLimit, omega: float
 ) -> tuple[np.ndarray, np.ndarray, BlockMatrix]:
     """The operator on the grid's functions.
 
@@ -200,12 +231,12 @@ def _assemble(
         products = product(weights[active], moment_table(derivatives, 2).reshape(125, 27**2))
         return np.bincount(entry, products.reshape(-1), len(keys))
 
-    axes = [(d, e) for d in range(3) for e in range(3)]
-    values = [inverse_h[d] * inverse_h[e] * assembled((d, e), moments[:, 0]) for d, e in axes]
-    tables = of_bonds.reshape(9, N, N)
+    per_length = {None: 1.0} | dict(enumerate(inverse_h))
+    values = [per_length[d] * per_length[e] * assembled((d, e), moments[:, 0]) for d, e in limit.tables]
+    tables = np.stack(list(limit.tables.values()))
     if omega:
         values.append(omega * assembled((None, None), moments[:, 1]))
-        tables = np.concatenate([tables, np.eye(N)[None]])
+        tables = np.concatenate([tables, np.eye(limit.size)[None]])
     values = np.stack(values, axis=1)
     of_diagonal = np.flatnonzero(keys // n_nodes == keys % n_nodes)
     diagonal = product(values[of_diagonal], tables.diagonal(axis1=1, axis2=2)).reshape(-1)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pdfem_mpi.body import subdomain as subdomain_module
+from pdfem_mpi.body import partitioning as partitioning_module
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.meshing import make_mesh
-from pdfem_mpi.body.subdomain import partition
+from pdfem_mpi.body.partitioning import partition
 from pdfem_mpi.deck.loads import Support, Traction
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.peridynamics import Crack
@@ -195,7 +195,7 @@ def test_memory_counts_images(faces):
 def test_cells_at_a_plane_weigh_their_images(monkeypatch):
     """For the partition a cell at a mirror plane costs what one inside costs."""
     weights = []
-    monkeypatch.setattr(subdomain_module, "bisect", lambda x, weight, n: weights.append(weight))
+    monkeypatch.setattr(partitioning_module, "bisect", lambda x, weight, n: weights.append(weight))
     for faces in ((), ("y-",)):
         partition(discretize(make_scene((1, 9, 1), 0, symmetry=faces, loads=())), 2)
     whole, half = weights

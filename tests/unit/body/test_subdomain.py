@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from pdfem_mpi.body.discretization import discretize
-from pdfem_mpi.body.subdomain import cut_out, partition
+from pdfem_mpi.body.partitioning import partition
+from pdfem_mpi.body.subdomain import cut_out
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.parallel.comm import observing_progress

@@ -106,6 +106,7 @@ def run_on_two(*arguments, **additions):
         (["run", "jobs/bar_tensoin.toml", "-n", "2"], "there is no such file"),
         (["check", "jobs"], "this is a folder"),
         (["check", "LICENSE"], "this is not a TOML file"),
+        (["check", DECK, "--picture", "deck.pdf"], "--picture deck.pdf: it is a PNG file. Give a name with .png"),
         (["run", DECK, "--set", "mesh.spacing=0.07"], "mesh.spacing = 0.07 does not divide"),
         (["run", DECK, "-n", "2", "--set", "mesh.spacing=0.07"], "mesh.spacing = 0.07 does not divide"),
         (["run", DECK, "-n", "101", "--set", "mesh.spacing=0.4"], "101 ranks cannot share 25 cells. Use at most 25"),

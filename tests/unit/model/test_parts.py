@@ -1,7 +1,6 @@
 """Parts of the body: who hangs together, what holds each part, and mechanisms by name."""
 
 import json
-from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -9,10 +8,11 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from pdfem_mpi.deck.loads import BodyForce, Support
+from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.outputs import Output
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.mesh import generators
+from pdfem_mpi.mesh.generators import box
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.model import parts as components
 from pdfem_mpi.model.loads import remove_rigid_motion
@@ -24,6 +24,7 @@ from pdfem_mpi.runs.run import run
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import make_solver
 from support.bodies import build, make_scene
+from support.mesh_files import write_mesh
 from support.reporters import Listener
 
 ROUND_OFF = 1e-12  # relative, of sums of some thousand terms rounded to 2**-40 of the largest
@@ -41,27 +42,15 @@ def two_blocks(n_elements=0, **options):
     return build(make_scene((12, 3, 2), n_elements, cracks=(cut_at(8.0),), **options))
 
 
-def hinges():
-    """Meshes of two blocks, 4 x 2 x 2 cells each, that share the three nodes of an edge along z at (4, 2)."""
-
-    box = generators.box
-
-    def blocks(*arguments):
-        whole = box(*arguments)
-        x = whole.centroids
-        cells = whole.cells[(x[:, 0] < 4.0) == (x[:, 1] < 2.0)]
-        used = np.unique(cells)
-        number = np.full(len(whole.nodes), -1)
-        number[used] = np.arange(len(used))
-        return HexMesh(whole.nodes[used], number[cells].astype(np.int32))
-
-    return patch.object(generators, "box", blocks)
-
-
-def hinged(**options):
-    """Two blocks of elements with one common edge, held at x-."""
-    with hinges():
-        return build(make_scene((8, 4, 2), 8, supports=(HOLD,), **options))
+@pytest.fixture
+def hinged_scene(tmp_path):
+    """What makes scenes of two blocks of elements, 4 x 2 x 2 cells each, that share an edge along z at (4, 2)."""
+    whole = box((0.0, 0.0, 0.0), (8.0, 4.0, 2.0), (8, 4, 2))
+    x = whole.centroids
+    used, number = np.unique(whole.cells[(x[:, 0] < 4.0) == (x[:, 1] < 2.0)], return_inverse=True)
+    write_mesh(tmp_path / "hinge.exo", HexMesh(whole.nodes[used], number.reshape(-1, 8).astype(np.int32)))
+    mesh = FileMesh(kind="file", path=str(tmp_path / "hinge.exo"))
+    return lambda **options: make_scene((8, 4, 2), 8, mesh=mesh, supports=(HOLD,), **options)
 
 
 def pushed(x, y, z):
@@ -203,9 +192,9 @@ def test_points_and_lines_have_no_rotation_about_themselves():
 # --- mechanisms ----------------------------------------------------------------------------------------------
 
 
-def test_a_hinge_is_named_with_its_part_and_axis():
+def test_a_hinge_is_named_with_its_part_and_axis(hinged_scene):
     """Rotation about the common edge meets no stiffness: the far block and its rotation are named."""
-    body = hinged(loads=pushed(0.0, 1.0, 0.0), solver="cg")
+    body = build(hinged_scene(loads=pushed(0.0, 1.0, 0.0), solver="cg"))
     assert body.case.parts.count == 1
     with pytest.raises(NotConverged) as caught:
         equilibrium(body)
@@ -213,13 +202,13 @@ def test_a_hinge_is_named_with_its_part_and_axis():
     assert expected in str(caught.value)
 
 
-def test_a_hinge_that_nothing_turns_is_no_obstacle():
+def test_a_hinge_that_nothing_turns_is_no_obstacle(hinged_scene):
     """Loads along the hinge do no work on it."""
-    assert equilibrium(hinged(loads=pushed(0.0, 0.0, 1.0), solver="cg")).residual <= 1e-6
+    assert equilibrium(build(hinged_scene(loads=pushed(0.0, 0.0, 1.0), solver="cg"))).residual <= 1e-6
 
 
-def test_relaxation_says_what_still_moves():
-    body = hinged(loads=pushed(0.0, 1.0, 0.0), solver="adr", max_evaluations=2000)
+def test_relaxation_says_what_still_moves(hinged_scene):
+    body = build(hinged_scene(loads=pushed(0.0, 1.0, 0.0), solver="adr", max_evaluations=2000))
     with pytest.raises(NotConverged, match=r"Still moving: .* to \(8, 4, 2\) move, mostly by the rotation about z"):
         equilibrium(body)
 
@@ -240,10 +229,8 @@ def test_a_run_tells_of_loose_parts(tmp_path):
     assert summary["parts_at_start"] == {"count": 2, "not_held": 1}
 
 
-def test_a_run_with_a_mechanism_ends_with_its_name_and_74(tmp_path):
-    with hinges():
-        scene = make_scene((8, 4, 2), 8, supports=(HOLD,), loads=pushed(0.0, 1.0, 0.0), solver="cg")
-        code, lines, summary = ran(scene, tmp_path)
+def test_a_run_with_a_mechanism_ends_with_its_name_and_74(hinged_scene, tmp_path):
+    code, lines, summary = ran(hinged_scene(loads=pushed(0.0, 1.0, 0.0), solver="cg"), tmp_path / "run")
     assert code == summary["exit_code"] == 74
     assert "mostly by the rotation about z, with hardly any resistance" in summary["reason"]
     assert summary["reason"].rstrip(".") in lines

@@ -148,7 +148,7 @@ def test_numbering_of_the_cells_does_not_move_the_planes():
 
 @pytest.mark.parametrize("shape", [(7, 5, 3), (9, 1, 1), (6, 4, 1)])
 def test_mean_edge_of_a_box_of_cubes_is_their_edge(shape):
-    edge = mean_edge(grid(*shape, spacing=(0.3, 0.3, 0.3)))
+    edge = mean_edge(np.prod(shape), np.ptp(grid(*shape, spacing=(0.3, 0.3, 0.3)), axis=0))
     assert abs(edge - 0.3) <= EDGE_TOLERANCE * 0.3
 
 

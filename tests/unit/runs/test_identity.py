@@ -2,8 +2,8 @@
 
 import pytest
 
+from pdfem_mpi.body.cutting import share_of
 from pdfem_mpi.body.meshing import make_mesh
-from pdfem_mpi.body.share import share_of
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.materials import Material
 from pdfem_mpi.deck.outputs import LineProbe, Output

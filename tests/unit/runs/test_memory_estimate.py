@@ -35,7 +35,7 @@ from pdfem_mpi.system import launcher as launch
 launch.prepare_environment()
 from pdfem_mpi.runs import memory_estimate as memory
 from pdfem_mpi.deck.toml import read_deck
-from pdfem_mpi.body.share import share_of
+from pdfem_mpi.body.cutting import share_of
 from pdfem_mpi.runs.compilation import compile_kernels
 from pdfem_mpi.parallel.comm import mpi
 from support.bodies import build

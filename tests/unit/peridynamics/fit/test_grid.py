@@ -10,7 +10,7 @@ from pdfem_mpi.peridynamics.bonds import RESPONSE_CONSTANT
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.fit.dissection import count_entries
 from pdfem_mpi.peridynamics.fit.equations import HELD
-from pdfem_mpi.peridynamics.fit.grid import MOST_ENTRIES, grid_counts, make_factor_grid, tensor
+from pdfem_mpi.peridynamics.fit.grid import MOST_ENTRIES, grid_counts, limit_of_factors, make_factor_grid, tensor
 from pdfem_mpi.peridynamics.fit.operator import Operator
 from support.bodies import build, make_scene
 
@@ -53,8 +53,8 @@ def test_grid_is_the_limit_of_the_operator_for_slow_multipliers():
     v = np.ascontiguousarray((x @ slopes).reshape(-1, 4, N).swapaxes(1, 2))
     product = operator.multiply(v, math.sqrt(N) * np.abs(v).max(), HELD).swapaxes(1, 2).reshape(-1, N)
     grid = make_factor_grid(
-        model.comm, model.points.x, model.points.volume, d.nodes.min(axis=0), d.nodes.max(axis=0), 1.0, d.cutoff,
-        np.zeros(len(x), bool), 0.0,
+        model.comm, model.points.x, model.points.volume, d.nodes.min(axis=0), d.nodes.max(axis=0), 1.0,
+        limit_of_factors(d.cutoff), np.zeros(len(x), bool), 0.0,
     )  # fmt: skip
     # C^-1 of the operator's own product gives the field back, up to its mean and the rough part
     r = np.ascontiguousarray(product.reshape(-1, 4, N).swapaxes(1, 2))

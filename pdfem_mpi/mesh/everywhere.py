@@ -1,0 +1,87 @@
+"""Questions about all cells of a body, of which a rank may see a part only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pdfem_mpi.parallel.comm import sum_integers
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+
+class SeenInPart(Exception):
+    """Something is wrong with a body of which each rank sees a part: a sentence about it needs all of the cells.
+
+    Raised on all ranks.
+    """
+
+
+@dataclass(frozen=True)
+class Everywhere:
+    """What a mesh knows of cells beyond its own: nothing, if it is whole. All methods are collective, if it is not.
+
+    Attributes
+    ----------
+    comm : Intracomm, or None
+    own : bool, shape (n_cells,), or None
+        Cells that this rank answers for: each cell of the body belongs to one rank. None: the mesh is whole.
+    """
+
+    comm: Intracomm | None = None
+    own: np.ndarray | None = None
+
+    def of_own(self, cells: np.ndarray) -> np.ndarray:
+        """Which of some cells, int64 (n,), are answered for here; bool, shape (n,). Not collective."""
+        return np.ones(len(cells), bool) if self.own is None else self.own[cells]
+
+    def total(self, *numbers: int) -> list[int]:
+        """Sums of numbers that each rank counted of its own cells."""
+        if self.own is None:
+            return [int(number) for number in numbers]
+        return sum_integers(self.comm, np.array(numbers, np.int64)).tolist()
+
+    def count(self, *masks: np.ndarray) -> list[int]:
+        """How many cells of the body are of each kind; bool, shape (n_cells,) each."""
+        return self.total(*(np.count_nonzero(mask if self.own is None else mask & self.own) for mask in masks))
+
+    def gathered(self, rows: list[Any]) -> list[Any]:
+        """A few rows of each rank, on all of them."""
+        return rows if self.own is None else [row for some in self.comm.allgather(rows) for row in some]
+
+    def joined(self, rows: np.ndarray) -> np.ndarray:
+        """Few rows of each rank one after the other, on all of them."""
+        return rows if self.own is None else np.concatenate(self.comm.allgather(rows))
+
+    def wrong(self, cells: np.ndarray) -> bool:
+        """Whether there is one of these cells, bool (n_cells,), anywhere, of which there should be none.
+
+        Raises
+        ------
+        SeenInPart
+        """
+        return self.refused(self.count(cells)[0] > 0)
+
+    def lacks(self, cells: np.ndarray) -> bool:
+        """Whether there is none of these cells, bool (n_cells,), anywhere, of which there should be some.
+
+        Raises
+        ------
+        SeenInPart
+        """
+        return self.refused(self.count(cells)[0] == 0)
+
+    def refused(self, is_wrong: bool) -> bool:
+        """The answer, alike on all ranks, where the mesh is whole. Not collective.
+
+        Raises
+        ------
+        SeenInPart
+            Something is wrong, and the mesh is a part.
+        """
+        if is_wrong and self.own is not None:
+            raise SeenInPart
+        return is_wrong

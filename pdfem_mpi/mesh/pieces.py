@@ -1,0 +1,179 @@
+"""A generated mesh of which each rank makes pieces, with the numbers and measures of the whole, which nobody makes.
+
+The box around the body is dealt out in blocks by halving it; what is asked of all cells is asked of each block's. Where
+parts are taken out of a box, what is left is numbered by a directory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pdfem_mpi.mesh.carving import is_removed
+from pdfem_mpi.mesh.everywhere import Everywhere
+from pdfem_mpi.mesh.extrusion import Extrusion, Part
+from pdfem_mpi.mesh.hexmesh import FACES, POSITION_TOLERANCE, HexMesh, equal_rows
+from pdfem_mpi.mesh.part import Measures, MeshPart
+from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.parallel.directory import Directory
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """A generated mesh.
+
+    Attributes
+    ----------
+    comm : Intracomm
+    layers : Extrusion
+        The mesh before anything is removed.
+    removals : tables of `deck.removals`
+    lower, upper : float64, shape (3,), dimension length
+        The half-open block of this rank: cells with their middle in it.
+    measures : Measures
+        Of what is left.
+    cells, nodes : Directory, or None
+        Numbers of what is left by those before; None where nothing is removed.
+    n_cells, n_nodes : int
+        Of what is left.
+    """
+
+    comm: Intracomm
+    layers: Extrusion
+    removals: Sequence[Any]
+    lower: np.ndarray
+    upper: np.ndarray
+    measures: Measures
+    cells: Directory | None
+    nodes: Directory | None
+    n_cells: int
+    n_nodes: int
+
+    def near(self, lower: np.ndarray, upper: np.ndarray, layers: int) -> MeshPart:
+        """Cells with their middle in a half-open box, and some layers of cells around them. Collective."""
+        part = left_of(self.layers.near(lower, upper, layers), self.removals, self.layers)
+        if self.cells is None:
+            return MeshPart(part.nodes, part.cells, measures=self.measures, cell_id=part.cell_id, node_id=part.node_id)
+        numbers = {"cell_id": self.cells.ask(part.cell_id), "node_id": self.nodes.ask(part.node_id)}
+        return MeshPart(part.nodes, part.cells, measures=self.measures, **numbers)
+
+    def own(self, mesh: MeshPart) -> np.ndarray:
+        """Cells of a part that are of this rank's block; bool, shape (n_cells,). Collective."""
+        return np.isin(mesh.cell_id, self.near(self.lower, self.upper, 0).cell_id)
+
+
+def make_pieces(comm: Intracomm, layers: Extrusion, removals: Sequence[Any], symmetry: Sequence[str]) -> Pieces:
+    """Look at all cells, a block on each rank. Collective.
+
+    Parameters
+    ----------
+    symmetry : faces
+        Mirror planes.
+
+    Raises
+    ------
+    SeenInPart
+        Something is wrong with what is removed.
+    """
+    lower, upper = block_of(*layers.box, comm.rank, comm.size)
+    block = layers.near(lower, upper)
+    left = left_of(block, removals, layers)
+    measures = _measures(comm, left)
+    size, cells, nodes = layers.size, None, None
+    if removals:
+        cells = Directory.of_places(comm, left.cell_id, size[0])
+        nodes = Directory.of_places(comm, left.node_id, size[1])
+        size = tuple(sum_integers(comm, np.array([len(cells.ids), len(nodes.ids)])).tolist())
+    pieces = Pieces(comm, layers, removals, lower, upper, measures, cells, nodes, *size)
+    if removals:
+        _check(pieces, block, left, symmetry)
+    return pieces
+
+
+def block_of(lower: np.ndarray, upper: np.ndarray, rank: int, n_blocks: int) -> tuple[np.ndarray, np.ndarray]:
+    """Corners, shape (3,), of one of the blocks that all places are divided into: a box is halved, and again.
+
+    Outwards blocks have no end.
+    """
+    ends, block = np.array([lower, upper]), np.array([np.full(3, -np.inf), np.full(3, np.inf)])
+    first = 0
+    while n_blocks > 1:
+        axis, n_left = int(np.argmax(ends[1] - ends[0])), n_blocks // 2
+        cut = ends[0, axis] + (ends[1, axis] - ends[0, axis]) * n_left / n_blocks
+        is_left = rank < first + n_left
+        ends[int(is_left), axis] = block[int(is_left), axis] = cut
+        first, n_blocks = (first, n_left) if is_left else (first + n_left, n_blocks - n_left)
+    return block[0], block[1]
+
+
+def left_of(part: Part, removals: Sequence[Any], layers: Extrusion) -> Part:
+    """What removals leave of some cells, and the nodes of these."""
+    if not removals:
+        return part
+    gone = is_removed(removals, HexMesh(part.nodes, part.cells).centroids, _tolerance(*layers.box))
+    used = np.zeros(len(part.nodes), bool)
+    used[part.cells[~gone]] = True
+    place = (np.cumsum(used) - 1).astype(np.int32)
+    return Part(part.nodes[used], place[part.cells[~gone]], part.cell_id[~gone], part.node_id[used])
+
+
+def _tolerance(lower: np.ndarray, upper: np.ndarray) -> float:
+    return POSITION_TOLERANCE * float((upper - lower).max())
+
+
+def _measures(comm: Intracomm, block: Part) -> Measures:
+    """Measures of the body of which each rank has a block. Collective."""
+    mesh, ends = HexMesh(block.nodes, block.cells), np.full(8, -np.inf)
+    if len(block.cells):
+        ends = np.concatenate([-mesh.lower, mesh.upper, [-mesh.smallest_edge, mesh.largest_edge]])
+    ends = largest(comm, ends)
+    lower, upper = 0.0 - ends[:3], ends[3:6].copy()
+    return Measures(lower, upper, _tolerance(lower, upper), float(-ends[6]), float(ends[7]))
+
+
+def _check(pieces: Pieces, block: Part, left: Part, symmetry: Sequence[str]) -> None:
+    """Whether what is removed leaves a body: see `carving.carve`. Collective."""
+    everywhere = Everywhere(pieces.comm, np.ones(len(block.cells), bool))
+    centroids, tolerance = HexMesh(block.nodes, block.cells).centroids, _tolerance(*pieces.layers.box)
+    for removal in pieces.removals:
+        everywhere.lacks(is_removed((removal,), centroids, tolerance))
+    everywhere.refused(pieces.n_cells == 0)
+    for face in symmetry:
+        axis = "xyz".index(face[0])
+        plane = pieces.layers.box[int(face[1] == "+")][axis]
+        on = np.count_nonzero(np.abs(left.nodes[:, axis] - plane) <= tolerance)
+        everywhere.refused(everywhere.total(on)[0] == 0)
+    everywhere.refused(_count_pieces(pieces) > 1)
+
+
+def _count_pieces(pieces: Pieces) -> int:
+    """How many parts that share no face there are: those of each block, joined where blocks meet. Collective."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    comm, mesh = pieces.comm, pieces.near(pieces.lower, pieces.upper, 1)
+    own, n = pieces.own(mesh), len(mesh.cells)
+    number = equal_rows(np.sort(mesh.cells[:, FACES].reshape(-1, 4), axis=1))
+    order = np.argsort(number, kind="stable")
+    same = number[order[1:]] == number[order[:-1]]
+    one, two = order[:-1][same] // len(FACES), order[1:][same] // len(FACES)
+    inside = own[one] & own[two]
+    joined = coo_array((np.ones(np.count_nonzero(inside), np.int8), (one[inside], two[inside])), shape=(n, n))
+    label = connected_components(joined, directed=False)[1]
+    names, label_of_own = np.unique(label[own], return_inverse=True)
+    first = comm.exscan(len(names)) or 0
+    part = np.full(n, -1, np.int64)
+    part[own] = first + label_of_own
+    total = int(sum_integers(comm, np.array([len(names)]))[0])
+    part[~own] = Directory.of(comm, mesh.cell_id[own], part[own], pieces.n_cells).ask(mesh.cell_id[~own])
+    across = own[one] != own[two]
+    pairs = np.unique(np.sort(np.column_stack([part[one[across]], part[two[across]]]), axis=1), axis=0)
+    pairs = np.concatenate(comm.allgather(pairs))
+    graph = coo_array((np.ones(len(pairs), np.int8), tuple(pairs.T)), shape=(total, total))
+    return connected_components(graph, directed=False)[0]
