@@ -9,7 +9,7 @@ import numpy as np
 
 from pdfem_mpi.finite_elements.elements import Elements, TurningElements
 from pdfem_mpi.finite_elements.nodes import Nodes
-from pdfem_mpi.kernels import linear_elements, turning_elements
+from pdfem_mpi.kernels import linear_elements, node_table, turning_elements
 from pdfem_mpi.kernels.exact_sums import add_products
 from pdfem_mpi.kernels.rounding import pattern_for
 
@@ -69,8 +69,7 @@ class ElementForces:
 
     def read(self, quantum: float, external: np.ndarray, force: np.ndarray) -> None:
         """``force = external - internal`` of the owned nodes, (n_owned, 3)."""
-        np.multiply(self.force[: self.nodes.n_owned], quantum, out=force)
-        force += external
+        node_table.read_nodes(self.force, quantum, external, force)
 
     def linearise(self, u: np.ndarray) -> None:
         """Take displacements of the owned nodes for the tangent. Collective."""

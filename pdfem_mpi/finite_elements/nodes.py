@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.body.share import Share, Subdomain
+from pdfem_mpi.kernels.node_table import add_rounded_rows
 from pdfem_mpi.kernels.rounding import pattern_for
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.parallel.halo import Halo, build_halo
@@ -69,6 +70,7 @@ def assemble(comm, nodes: Nodes, contributions, width: int) -> np.ndarray:
     quantum, _ = pattern_for(float(largest(comm, np.array([top]))[0]))
     total = np.zeros((len(nodes.number), width), np.int64)
     for where, numbers in contributions:
-        np.add.at(total, where.reshape(-1), np.rint(numbers / quantum).astype(np.int64).reshape(-1, width))
+        rows = np.ascontiguousarray(numbers).reshape(-1, width)
+        add_rounded_rows(np.ascontiguousarray(where).reshape(-1), rows, quantum, total)
     nodes.halo.scatter_reverse(total)
     return total[: nodes.n_owned] * quantum

@@ -10,11 +10,27 @@ import math
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.bond_response import AHEAD
+from pdfem_mpi.kernels.bond_response import AHEAD, V1, V2, V3, V4, V5, ask_ahead, u8
 from pdfem_mpi.kernels.exact_sums import BLOCK, BLOCKS, add_terms, carry
-from pdfem_mpi.kernels.simd import W, above, both, fma, hmax, isub, largest, load, prefetch, root, splat, store
+from pdfem_mpi.kernels.simd import (
+    W,
+    above,
+    both,
+    fma,
+    hmax,
+    isub,
+    lanes,
+    largest,
+    load,
+    prefetch,
+    root,
+    splat,
+    store,
+)
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
+#: What bounds a ratio is raised by more than it may be wrong by.
+MORE = 1.0 + 2.0**-40
 _golden, _mix_1, _mix_2 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 
@@ -44,7 +60,6 @@ def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite,
     """
     zero = splat(0.0)
     one = splat(1.0)
-    tiny = splat(1e-300)
     least = splat(nearest)
     limit = splat(most)
     top = zero
@@ -52,24 +67,43 @@ def largest_ratio(row_start, row_offset, row_data, S, class_of, inverse, finite,
     for i in range(row_start.size - 1):
         c = i // W
         own = c * 9 * W + (i - c * W)
-        for row in range(row_start[i], row_start[i + 1]):
-            b = np.int64(row_offset[row])
-            dx = load(S, b) - splat(S[own])
-            dy = load(S, b + W) - splat(S[own + W])
-            dz = load(S, b + 2 * W) - splat(S[own + 2 * W])
-            gx = load(S, b + 3 * W) - splat(S[own + 3 * W])
-            gy = load(S, b + 4 * W) - splat(S[own + 4 * W])
-            gz = load(S, b + 5 * W) - splat(S[own + 5 * W])
+        ux = splat(S[own])
+        uy = splat(S[own + W])
+        uz = splat(S[own + 2 * W])
+        zx = splat(S[own + 3 * W])
+        zy = splat(S[own + 4 * W])
+        zz = splat(S[own + 5 * W])
+        for row in range(u8(row_start[i]), u8(row_start[i + 1])):
+            b = u8(row_offset[row])
+            o = u8(row) * u8(stride)
+            ask_ahead(row_offset, row_data, u8(row), o)
+            dx = load(S, b) - ux
+            dy = load(S, b + V1) - uy
+            dz = load(S, b + V2) - uz
+            gx = load(S, b + V3) - zx
+            gy = load(S, b + V4) - zy
+            gz = load(S, b + V5) - zz
             work = fma(dx, gx, fma(dy, gy, dz * gz))
-            intact = above(load(row_data, row * stride), zero)
+            intact = above(load(row_data, o), zero)
+            factor = inverse[class_of[c], class_of[b // u8(9 * W)]]
+            # a bound of the ratio decides whether its division is worth while: hardly ever
             if finite:
-                shape = load(row_data, row * stride + W)
+                shape = load(row_data, o + V1)
                 e = work * shape
-                s = both(e / (one + root(largest(one + e, zero))), above(one, least * shape))
+                longer = above(one, least * shape)
+                candidate = above(e * splat(0.5 * MORE * factor), top)
             else:
                 square = fma(gx, gx, fma(gy, gy, gz * gz))
-                s = both(work / largest(square, tiny), above(square, least))  # an empty slot may have no length
-            ratio = both(s, intact) * splat(inverse[class_of[c], class_of[b // (9 * W)]])
+                longer = above(square, least)
+                candidate = above(work * splat(MORE * factor), top * square)
+            counts = both(both(intact, longer), candidate)
+            if lanes(counts) == 0:
+                continue
+            if finite:
+                s = e / (one + root(largest(one + e, zero)))
+            else:
+                s = work / largest(square, splat(1e-300))  # an empty slot may have no length
+            ratio = both(s, counts) * splat(factor)
             top = largest(both(ratio, above(limit, ratio)), top)
     return hmax(top)
 

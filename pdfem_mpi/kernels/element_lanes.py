@@ -1,4 +1,4 @@
-"""Four elements side by side in the SIMD lanes: what the sweeps over elements share.
+"""Four or eight elements side by side in the SIMD lanes: what the sweeps over elements share.
 
 A short last group repeats its last element and leaves the copies out.
 """
@@ -10,6 +10,9 @@ from pdfem_mpi.kernels.hex8 import GRADIENTS_AT_GAUSS
 from pdfem_mpi.kernels.simd import W, fma, load, splat, store
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
+
+u8 = np.uint64  #: indices that the compiler need not turn round where they are negative
+ONE, TWO, THREE, N = u8(1), u8(2), u8(3), u8(8)
 
 
 @njit(**_options)
@@ -45,6 +48,53 @@ def scatter(force, rounded, connectivity, first):
         force[n, 0] += x
         force[n, 1] += y
         force[n, 2] += z
+
+
+@njit(inline="always", **_options)
+def gather8(difference, at, u, nodes, first):
+    """Write ``u_a - u_0`` of eight elements to ``difference[at + 8 (3 a + component) + lane]``.
+
+    ``u`` and ``nodes`` are the flat displacements and connectivity.
+    """
+    last = u8(nodes.size) // N - ONE
+    for lane in range(N):
+        e = N * min(first + lane, last)
+        n = THREE * u8(nodes[e])
+        x, y, z = u[n], u[n + ONE], u[n + TWO]
+        for a in range(ONE, N):
+            n = THREE * u8(nodes[e + a])
+            j = at + N * THREE * a + lane
+            difference[j] = u[n] - x
+            difference[j + N] = u[n + ONE] - y
+            difference[j + TWO * N] = u[n + TWO] - z
+
+
+@njit(inline="always", **_options)
+def scatter8(force, rounded, at, nodes, first):
+    """Take ``rounded[at + 8 (3 a + component) + lane]`` from nodes 1 to 7, give their sum to node 0, as `gather8`."""
+    for lane in range(min(N, u8(nodes.size) // N - first)):
+        e = N * (first + lane)
+        x = y = z = np.int64(0)
+        for a in range(ONE, N):
+            n = THREE * u8(nodes[e + a])
+            j = at + N * THREE * a + lane
+            p, q, r = rounded[j], rounded[j + N], rounded[j + TWO * N]
+            x += p
+            y += q
+            z += r
+            force[n] -= p
+            force[n + ONE] -= q
+            force[n + TWO] -= r
+        n = THREE * u8(nodes[e])
+        force[n] += x
+        force[n + ONE] += y
+        force[n + TWO] += z
+
+
+@njit(**_options)
+def aligned(array):
+    """Where the first line of a cache begins in a flat float64 array that has eight numbers to spare."""
+    return u8(-np.int64(array.ctypes.data) % 64 // 8)
 
 
 @njit(**_options)

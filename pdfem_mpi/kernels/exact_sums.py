@@ -22,7 +22,6 @@ from numba import njit, types
 
 from pdfem_mpi.kernels.simd import (
     PATTERN,
-    W,
     bits,
     either,
     fma,
@@ -34,9 +33,9 @@ from pdfem_mpi.kernels.simd import (
     isub,
     lanes,
     largest,
-    load,
+    load8,
     magnitude,
-    splat,
+    splat8,
     store,
     unequal,
 )
@@ -47,6 +46,7 @@ LOWEST, HIGHEST = -20, 20  #: exponents k of the digits
 NOT_FINITE = HIGHEST - LOWEST + 2  #: place of the count of terms that are not finite (the place before takes carries)
 SIZE = NOT_FINITE + 1
 BLOCK = 512  #: terms cut together
+AT_ONCE = 8  #: of them side by side
 BLOCKS = 2**12  #: blocks after which digits are carried, so that they cannot overflow: each adds less than 2**51
 LARGEST = 2.0**1011  #: terms from here on count as not finite
 SMALL, LARGE = 2.0**-750, 2.0**900  #: between them the largest term of a block has its digits within the sum's
@@ -72,12 +72,12 @@ def add_shifted(total, exponent, digits):
 @njit(**_options)
 def add_any_terms(terms, padded, digits):
     """Add terms of any size, digit by digit in the places of the sum; parameters as in `add_sized_terms`."""
-    top = splat(0.0)
-    bad = splat(0.0)
-    for k in range(0, padded, W):
-        x = load(terms, k)
+    top = splat8(0.0)
+    bad = splat8(0.0)
+    for k in range(0, padded, AT_ONCE):
+        x = load8(terms, k)
         top = largest(magnitude(x), top)
-        bad = fma(x, splat(0.0), bad)
+        bad = fma(x, splat8(0.0), bad)
     size = hmax(top)
     if hsum(bad) != 0.0 or size > LARGEST:
         digits[NOT_FINITE] += 1
@@ -86,11 +86,11 @@ def add_any_terms(terms, padded, digits):
     while place > 0 and size < 2.0 ** (BITS * (place + LOWEST)) * 0.5:
         place -= 1
     while size > 0.0 and place >= 0:
-        M = splat(_PATTERNS[place])
-        total = splat(0.0)
-        top = splat(0.0)
-        for k in range(0, padded, W):
-            x = load(terms, k)
+        M = splat8(_PATTERNS[place])
+        total = splat8(0.0)
+        top = splat8(0.0)
+        for k in range(0, padded, AT_ONCE):
+            x = load8(terms, k)
             t = x + M
             x = x - (t - M)
             total = iadd(total, isub(t, M))
@@ -112,7 +112,7 @@ def add_sized_terms(terms, padded, size, digits):
     terms : float64, shape (BLOCK,)
         Destroyed.
     padded : int
-        Number of terms, a multiple of `simd.W`.
+        Number of terms, a multiple of `AT_ONCE`.
     size : float
         Largest magnitude of a term that is a number.
     digits : int64, shape (SIZE,)
@@ -126,27 +126,27 @@ def add_sized_terms(terms, padded, size, digits):
     second = first - 51
     high = PATTERN * from_bits((first + 1023) << 52)
     low = PATTERN * from_bits((second + 1023) << 52)
-    M = splat(high)
-    L = splat(low)
-    upper = splat(0.0)
-    lower = splat(0.0)
-    rest = splat(0.0)
-    for k in range(0, padded, W):
-        x = load(terms, k)
+    M = splat8(high)
+    L = splat8(low)
+    upper = splat8(0.0)
+    lower = splat8(0.0)
+    rest = splat8(0.0)
+    for k in range(0, padded, AT_ONCE):
+        x = load8(terms, k)
         t = x + M
         x = x - (t - M)
         u = x + L
         upper = iadd(upper, t)
         lower = iadd(lower, u)
         rest = either(rest, x - (u - L))  # 0 and NaN: some bit below the sign is set
-    if lanes(unequal(magnitude(rest), splat(0.0))) != 0:
+    if lanes(unequal(magnitude(rest), splat8(0.0))) != 0:
         third = second - 51
         lowest = PATTERN * from_bits((third + 1023) << 52)
-        N = splat(lowest)
-        third_sum = splat(0.0)
-        rest = splat(0.0)
-        for k in range(0, padded, W):
-            x = load(terms, k)
+        N = splat8(lowest)
+        third_sum = splat8(0.0)
+        rest = splat8(0.0)
+        for k in range(0, padded, AT_ONCE):
+            x = load8(terms, k)
             x = x - ((x + M) - M)
             x = x - ((x + L) - L)
             t = x + N
@@ -154,7 +154,7 @@ def add_sized_terms(terms, padded, size, digits):
             x = x - (t - N)
             rest = either(rest, x)
             store(terms, k, x)
-        if lanes(unequal(magnitude(rest), splat(0.0))) != 0:
+        if lanes(unequal(magnitude(rest), splat8(0.0))) != 0:
             before = digits[NOT_FINITE]
             add_any_terms(terms, padded, digits)
             if digits[NOT_FINITE] != before:
@@ -176,12 +176,12 @@ def add_terms(terms, n, digits):
     digits : int64, shape (SIZE,)
         Added to.
     """
-    padded = (n + W - 1) // W * W
+    padded = (n + AT_ONCE - 1) // AT_ONCE * AT_ONCE
     for k in range(n, padded):
         terms[k] = 0.0
-    top = splat(0.0)
-    for k in range(0, padded, W):
-        top = largest(magnitude(load(terms, k)), top)
+    top = splat8(0.0)
+    for k in range(0, padded, AT_ONCE):
+        top = largest(magnitude(load8(terms, k)), top)
     add_sized_terms(terms, padded, hmax(top), digits)
 
 
@@ -200,9 +200,9 @@ def add_products(x, y, digits):
     whole = n // BLOCK * BLOCK
     block = terms.size  # not the literal, for which numba would compile `add_sized_terms` once more
     for start in range(0, whole, BLOCK):
-        top = splat(0.0)
-        for k in range(0, BLOCK, W):
-            product = load(x, start + k) * load(y, start + k)
+        top = splat8(0.0)
+        for k in range(0, BLOCK, AT_ONCE):
+            product = load8(x, start + k) * load8(y, start + k)
             top = largest(magnitude(product), top)
             store(terms, k, product)
         add_sized_terms(terms, block, hmax(top), digits)

@@ -6,8 +6,8 @@ Vectors are the flat owned unknowns of a rank. Sums are exact (`exact_sums`): th
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.exact_sums import BLOCK, BLOCKS, add_terms, carry
-from pdfem_mpi.kernels.simd import W, load, splat, store
+from pdfem_mpi.kernels.exact_sums import AT_ONCE, BLOCK, BLOCKS, add_terms, carry
+from pdfem_mpi.kernels.simd import load8, splat8, store
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
@@ -28,13 +28,13 @@ def finish_product(w, fixed, z, r, sums):
     first, second = np.empty(BLOCK), np.empty(BLOCK)
     for start in range(0, w.size, BLOCK):
         m = min(BLOCK, w.size - start)
-        whole = m // W * W
+        whole = m // AT_ONCE * AT_ONCE
         for i in range(start, start + m):
             w[i] = 0.0 if fixed[i] else -w[i]
-        for k in range(0, whole, W):
-            x = load(z, start + k)
-            store(first, k, load(r, start + k) * x)
-            store(second, k, x * load(w, start + k))
+        for k in range(0, whole, AT_ONCE):
+            x = load8(z, start + k)
+            store(first, k, load8(r, start + k) * x)
+            store(second, k, x * load8(w, start + k))
         for k in range(whole, m):
             first[k] = r[start + k] * z[start + k]
             second[k] = z[start + k] * w[start + k]
@@ -61,18 +61,18 @@ def take_step(z, w, alpha, beta, p, s, x, r, square):
         Added to.
     """
     terms = np.empty(BLOCK)
-    a, b = splat(alpha), splat(beta)
+    a, b = splat8(alpha), splat8(beta)
     for start in range(0, z.size, BLOCK):
         m = min(BLOCK, z.size - start)
-        whole = m // W * W
-        for k in range(0, whole, W):
+        whole = m // AT_ONCE * AT_ONCE
+        for k in range(0, whole, AT_ONCE):
             i = start + k
-            v = load(z, i) + b * load(p, i)
+            v = load8(z, i) + b * load8(p, i)
             store(p, i, v)
-            store(x, i, load(x, i) + a * v)
-            v = load(w, i) + b * load(s, i)
+            store(x, i, load8(x, i) + a * v)
+            v = load8(w, i) + b * load8(s, i)
             store(s, i, v)
-            v = load(r, i) - a * v
+            v = load8(r, i) - a * v
             store(r, i, v)
             store(terms, k, v * v)
         for k in range(whole, m):

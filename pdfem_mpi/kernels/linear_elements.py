@@ -9,8 +9,35 @@ whatever the order of the elements and however they are shared out.
 import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.element_lanes import add_stress, displacement_gradient, gather, load_moduli, scatter
-from pdfem_mpi.kernels.simd import PATTERN, W, fma, hmax, isub, largest, load, magnitude, splat, store
+from pdfem_mpi.kernels.element_lanes import (
+    ONE,
+    THREE,
+    TWO,
+    N,
+    add_stress,
+    aligned,
+    displacement_gradient,
+    gather,
+    gather8,
+    load_moduli,
+    scatter,
+    scatter8,
+    u8,
+)  # fmt: skip
+from pdfem_mpi.kernels.simd import (
+    PATTERN,
+    W,
+    fma,
+    hmax,
+    isub,
+    largest,
+    load,
+    load8,
+    magnitude,
+    splat,
+    splat8,
+    store,
+)  # fmt: skip
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
@@ -34,38 +61,47 @@ def add_shared_forces(force, u, connectivity, stiffness, scale, quantum, largest
     largest_difference : float64, shape (1,), dimension length
         Raised to the largest ``|u_e - u_0|`` component, to check the bound afterwards. Not raised by NaN.
     """
-    magic = splat(PATTERN * quantum)
-    zero = splat(0.0)
+    magic = splat8(PATTERN * quantum)
+    zero = splat8(0.0)
     top = zero
-    difference = np.empty(24 * W)
-    rounded = np.empty(24 * W)
-    factor = np.empty(W)
-    for first in range(0, len(connectivity), W):
-        gather(difference, u, connectivity, first)
-        for lane in range(W):
-            factor[lane] = scale[min(first + lane, len(connectivity) - 1)]
-        for j in range(3, 24):
-            top = largest(magnitude(load(difference, W * j)), top)
-        for i in range(3, 24, 7):
+    difference = np.empty(2 * 192 + 8)
+    rounded = np.empty(192 + 8)
+    factor = np.empty(8)
+    n, nodes, flat_u, flat_force = u8(len(connectivity)), connectivity.reshape(-1), u.reshape(-1), force.reshape(-1)
+    out = aligned(rounded)
+    here = aligned(difference)
+    ahead = here + u8(192)
+    if n > u8(0):
+        gather8(difference, here, flat_u, nodes, u8(0))
+    for first in range(u8(0), n, N):
+        if first + N < n:  # one group ahead: a vector is read from what single numbers filled some time ago
+            gather8(difference, ahead, flat_u, nodes, first + N)
+        for lane in range(N):
+            factor[lane] = scale[min(first + lane, n - ONE)]
+        s = load8(factor, 0)
+        for j in range(THREE, u8(24)):
+            top = largest(magnitude(load8(difference, here + N * j)), top)
+        for i in range(THREE, u8(24), u8(7)):
             f0 = f1 = f2 = f3 = f4 = f5 = f6 = zero
-            for j in range(3, 24):
-                d = load(difference, W * j)
-                f0 = fma(splat(stiffness[j, i]), d, f0)
-                f1 = fma(splat(stiffness[j, i + 1]), d, f1)
-                f2 = fma(splat(stiffness[j, i + 2]), d, f2)
-                f3 = fma(splat(stiffness[j, i + 3]), d, f3)
-                f4 = fma(splat(stiffness[j, i + 4]), d, f4)
-                f5 = fma(splat(stiffness[j, i + 5]), d, f5)
-                f6 = fma(splat(stiffness[j, i + 6]), d, f6)
-            s = load(factor, 0)
-            store(rounded, W * i, isub(fma(s, f0, magic), magic))
-            store(rounded, W * (i + 1), isub(fma(s, f1, magic), magic))
-            store(rounded, W * (i + 2), isub(fma(s, f2, magic), magic))
-            store(rounded, W * (i + 3), isub(fma(s, f3, magic), magic))
-            store(rounded, W * (i + 4), isub(fma(s, f4, magic), magic))
-            store(rounded, W * (i + 5), isub(fma(s, f5, magic), magic))
-            store(rounded, W * (i + 6), isub(fma(s, f6, magic), magic))
-        scatter(force, rounded.view(np.int64), connectivity, first)
+            for j in range(THREE, u8(24)):
+                d = load8(difference, here + N * j)
+                f0 = fma(splat8(stiffness[j, i]), d, f0)
+                f1 = fma(splat8(stiffness[j, i + ONE]), d, f1)
+                f2 = fma(splat8(stiffness[j, i + TWO]), d, f2)
+                f3 = fma(splat8(stiffness[j, i + THREE]), d, f3)
+                f4 = fma(splat8(stiffness[j, i + u8(4)]), d, f4)
+                f5 = fma(splat8(stiffness[j, i + u8(5)]), d, f5)
+                f6 = fma(splat8(stiffness[j, i + u8(6)]), d, f6)
+            row = out + N * i
+            store(rounded, row, isub(fma(s, f0, magic), magic))
+            store(rounded, row + N, isub(fma(s, f1, magic), magic))
+            store(rounded, row + TWO * N, isub(fma(s, f2, magic), magic))
+            store(rounded, row + THREE * N, isub(fma(s, f3, magic), magic))
+            store(rounded, row + u8(4) * N, isub(fma(s, f4, magic), magic))
+            store(rounded, row + u8(5) * N, isub(fma(s, f5, magic), magic))
+            store(rounded, row + u8(6) * N, isub(fma(s, f6, magic), magic))
+        scatter8(flat_force, rounded.view(np.int64), out, nodes, first)
+        here, ahead = ahead, here
     largest_difference[0] = max(largest_difference[0], hmax(top))
 
 

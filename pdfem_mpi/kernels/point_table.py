@@ -1,8 +1,9 @@
 """Displacements into the table of the points, and forces out of it; the table is that of `bond_forces`."""
 
+import numpy as np
 from numba import njit, types
 
-from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.kernels.simd import W, load, splat, store
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
@@ -18,20 +19,22 @@ def load_displacements(u, x, S, n_clusters, finite):
     x : float64, shape (>= n_clusters * 12,), dimension length
     S : float64, shape (>= n_clusters * 36,)
     """
+    two = splat(2.0)
     for c in range(n_clusters):
-        for k in range(3 * W):
-            S[36 * c + k] = u[12 * c + k]
-        if finite:
-            for k in range(3 * W):
-                S[36 * c + 12 + k] = 2.0 * x[12 * c + k] + u[12 * c + k]
+        for k in range(0, 3 * W, W):
+            v = load(u, 12 * c + k)
+            store(S, 36 * c + k, v)
+            if finite:
+                store(S, 36 * c + 12 + k, two * load(x, 12 * c + k) + v)
 
 
 @njit(**_options)
 def complete_z(first, last, x, S):
     """``z = 2 x + u`` for the clusters ``first:last`` whose ``u`` came from elsewhere (overlap, ghosts)."""
+    two = splat(2.0)
     for c in range(first, last):
-        for k in range(3 * W):
-            S[36 * c + 12 + k] = 2.0 * x[12 * c + k] + S[36 * c + k]
+        for k in range(0, 3 * W, W):
+            store(S, 36 * c + 12 + k, two * load(x, 12 * c + k) + load(S, 36 * c + k))
 
 
 @njit(**_options)
@@ -51,9 +54,11 @@ def reset_forces(SI, excess, pattern_bits):
         ``bits(M)``.
     """
     for c in range(excess.size // W):
-        for d in range(6, 9):
-            for k in range(W):
-                SI[36 * c + W * d + k] = -excess[W * c + k] * pattern_bits
+        for k in range(W):
+            start = np.int64(-excess[W * c + k]) * pattern_bits
+            SI[36 * c + 6 * W + k] = start
+            SI[36 * c + 7 * W + k] = start
+            SI[36 * c + 8 * W + k] = start
 
 
 @njit(**_options)

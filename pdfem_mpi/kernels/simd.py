@@ -1,4 +1,6 @@
-"""Four float64 numbers as one value inside compiled functions (256-bit SIMD).
+"""Four float64 numbers as one value inside compiled functions (256-bit SIMD), or eight where a name ends in 8.
+
+Eight are one register on a processor with AVX-512, and two on others, with the same bits.
 
 No operation carries a fast-math flag and every fused multiply-add is written out, so the compiled code does
 exactly the written operations: the bits of a result do not depend on the lane, on the place in a list, or on
@@ -21,19 +23,23 @@ PATTERN = 1.5 * 2.0**52  #: M / quantum
 
 if numba.config.DISABLE_JIT:
 
+    def _entries(array, index, n):
+        start = int(index)
+        if start < 0 or start + n > array.size:
+            raise IndexError(f"lanes {start}:{start + n} of an array of {array.size}")
+        return array[start : start + n]
+
     def load(array, index):
         """Four consecutive entries of a flat float64 or float32 array."""
-        start = int(index)
-        if start < 0 or start + W > array.size:
-            raise IndexError(f"lanes {start}:{start + W} of an array of {array.size}")
-        return array[start : start + W].astype(np.float64)
+        return _entries(array, index, W).astype(np.float64)
+
+    def load8(array, index):
+        """Eight consecutive entries of a flat float64 or float32 array."""
+        return _entries(array, index, 2 * W).astype(np.float64)
 
     def store(array, index, v):
-        """Write four consecutive entries of a flat float64 array."""
-        start = int(index)
-        if start < 0 or start + W > array.size:
-            raise IndexError(f"lanes {start}:{start + W} of an array of {array.size}")
-        array[start : start + W] = v
+        """Write as many consecutive entries of a flat float64 array as there are lanes."""
+        _entries(array, index, len(v))[:] = v
 
     def prefetch(array, index):
         """Ask for the memory around an entry, which may lie outside of the array, ahead of its use."""
@@ -41,6 +47,10 @@ if numba.config.DISABLE_JIT:
     def splat(x):
         """The number ``x`` in all lanes."""
         return np.full(W, x)
+
+    def splat8(x):
+        """The number ``x`` in eight lanes."""
+        return np.full(2 * W, x)
 
     def held(x):
         """The number ``x`` in all lanes."""
@@ -96,10 +106,10 @@ if numba.config.DISABLE_JIT:
 
     def lanes(mask):
         """Integer whose bit k is the sign bit of lane k."""
-        return int(sum(1 << k for k in range(W) if mask.view(np.int64)[k] < 0))
+        return int(sum(1 << k for k in range(len(mask)) if mask.view(np.int64)[k] < 0))
 
     def hmax(v):
-        """Largest of the four lanes."""
+        """Largest of the lanes."""
         return float(v.max())
 
     def hmin(v):
@@ -129,44 +139,55 @@ else:
     from numba.extending import intrinsic, models, overload, register_model
 
     _F, _I, _B = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
-    _VF, _VI = ir.VectorType(_F, W), ir.VectorType(_I, W)
 
     class Vec(types.Type):
-        """Numba type of a value of four float64."""
+        """Numba type of a value of some float64."""
 
-        def __init__(self):
-            super().__init__(name="v4f64")
+        def __init__(self, width):
+            self.width = width
+            super().__init__(name=f"v{width}f64")
 
-    V4 = Vec()
+    V4, V8 = Vec(W), Vec(2 * W)
+
+    def _vector(width, entry=_F):
+        return ir.VectorType(entry, width)
 
     @register_model(Vec)
     class _VecModel(models.PrimitiveModel):
         def __init__(self, dmm, fe_type):
-            super().__init__(dmm, fe_type, _VF)
+            super().__init__(dmm, fe_type, _vector(fe_type.width))
+
+    def _as_integers(builder, x):
+        return builder.bitcast(x, _vector(x.type.count, _I))
 
     def _address(context, builder, array_type, array, index, vector):
         data = builder.gep(context.make_array(array_type)(context, builder, array).data, [index])
         return builder.bitcast(data, vector.as_pointer())
 
-    @intrinsic
-    def load(typingctx, array, index):
-        """Four consecutive entries of a flat float64 or float32 array (widened)."""
+    def _loading(vec, doc):
+        @intrinsic
+        def operation(typingctx, array, index):
+            def codegen(context, builder, sig, args):
+                single = sig.args[0].dtype is types.float32
+                vector = _vector(vec.width, ir.FloatType() if single else _F)
+                v = builder.load(_address(context, builder, sig.args[0], args[0], args[1], vector))
+                v.align = 4 if single else 8
+                return builder.fpext(v, _vector(vec.width)) if single else v
 
-        def codegen(context, builder, sig, args):
-            single = sig.args[0].dtype is types.float32
-            vector = ir.VectorType(ir.FloatType(), W) if single else _VF
-            v = builder.load(_address(context, builder, sig.args[0], args[0], args[1], vector))
-            v.align = 4 if single else 8
-            return builder.fpext(v, _VF) if single else v
+            return vec(array, types.intp), codegen
 
-        return V4(array, types.intp), codegen
+        operation.__doc__ = doc
+        return operation
+
+    load = _loading(V4, "Four consecutive entries of a flat float64 or float32 array (widened).")
+    load8 = _loading(V8, "Eight consecutive entries of a flat float64 or float32 array (widened).")
 
     @intrinsic
     def store(typingctx, array, index, v):
-        """Write four consecutive entries of a flat float64 array."""
+        """Write as many consecutive entries of a flat float64 array as there are lanes."""
 
         def codegen(context, builder, sig, args):
-            s = builder.store(args[2], _address(context, builder, sig.args[0], args[0], args[1], _VF))
+            s = builder.store(args[2], _address(context, builder, sig.args[0], args[0], args[1], args[2].type))
             s.align = 8
             return context.get_dummy_value()
 
@@ -187,9 +208,9 @@ else:
 
         return types.void(array, types.intp), codegen
 
-    def _in_all_lanes(builder, x):
-        v = builder.insert_element(ir.Constant(_VF, ir.Undefined), x, ir.Constant(_B, 0))
-        return builder.shuffle_vector(v, v, ir.Constant(ir.VectorType(_B, W), [0] * W))
+    def _in_all_lanes(builder, x, width=W):
+        v = builder.insert_element(ir.Constant(_vector(width), ir.Undefined), x, ir.Constant(_B, 0))
+        return builder.shuffle_vector(v, v, ir.Constant(_vector(width, _B), [0] * width))
 
     @intrinsic
     def held(typingctx, x):
@@ -209,6 +230,15 @@ else:
             return _in_all_lanes(builder, args[0])
 
         return V4(types.float64), codegen
+
+    @intrinsic
+    def splat8(typingctx, x):
+        """The number ``x`` in eight lanes."""
+
+        def codegen(context, builder, sig, args):
+            return _in_all_lanes(builder, args[0], 2 * W)
+
+        return V8(types.float64), codegen
 
     def _binary(name):
         @intrinsic
@@ -236,8 +266,10 @@ else:
         _register(_operator, _binary(_name))
 
     def _call(builder, name, *args):
-        signature = ir.FunctionType(_VF, [_VF] * len(args))
-        return builder.call(cgutils.get_or_insert_function(builder.module, signature, f"llvm.{name}.v4f64"), args)
+        vector = args[0].type
+        signature = ir.FunctionType(vector, [vector] * len(args))
+        name = f"llvm.{name}.v{vector.count}f64"
+        return builder.call(cgutils.get_or_insert_function(builder.module, signature, name), args)
 
     @intrinsic
     def fma(typingctx, x, y, z):
@@ -273,8 +305,8 @@ else:
         @intrinsic
         def operation(typingctx, x, y):
             def codegen(context, builder, sig, args):
-                result = getattr(builder, name)(builder.bitcast(args[0], _VI), builder.bitcast(args[1], _VI))
-                return builder.bitcast(result, _VF)
+                result = getattr(builder, name)(*(_as_integers(builder, x) for x in args))
+                return builder.bitcast(result, args[0].type)
 
             return x(x, x), codegen
 
@@ -299,7 +331,9 @@ else:
         """Lane mask (all bits set or none) of ``x > y``."""
 
         def codegen(context, builder, sig, args):
-            return builder.bitcast(builder.sext(builder.fcmp_ordered(">", args[0], args[1]), _VI), _VF)
+            vector = args[0].type
+            mask = builder.sext(builder.fcmp_ordered(">", args[0], args[1]), _vector(vector.count, _I))
+            return builder.bitcast(mask, vector)
 
         return x(x, x), codegen
 
@@ -308,7 +342,9 @@ else:
         """Lane mask (all bits set or none) of ``x != y``, which holds for NaN."""
 
         def codegen(context, builder, sig, args):
-            return builder.bitcast(builder.sext(builder.fcmp_unordered("!=", args[0], args[1]), _VI), _VF)
+            vector = args[0].type
+            mask = builder.sext(builder.fcmp_unordered("!=", args[0], args[1]), _vector(vector.count, _I))
+            return builder.bitcast(mask, vector)
 
         return x(x, x), codegen
 
@@ -317,8 +353,9 @@ else:
         """Integer whose bit k is the sign bit of lane k."""
 
         def codegen(context, builder, sig, args):
-            m = builder.icmp_signed("<", builder.bitcast(args[0], _VI), ir.Constant(_VI, [0] * W))
-            return builder.zext(builder.bitcast(m, ir.IntType(W)), _I)
+            width = args[0].type.count
+            m = builder.icmp_signed("<", _as_integers(builder, args[0]), ir.Constant(_vector(width, _I), [0] * width))
+            return builder.zext(builder.bitcast(m, ir.IntType(width)), _I)
 
         return types.int64(mask), codegen
 
@@ -326,9 +363,11 @@ else:
         @intrinsic
         def operation(typingctx, v):
             def codegen(context, builder, sig, args):
-                value = builder.bitcast(args[0], _VI) if integer else args[0]
-                x = [builder.extract_element(value, ir.Constant(_B, k)) for k in range(W)]
-                return combine(builder, combine(builder, x[0], x[1]), combine(builder, x[2], x[3]))
+                value = _as_integers(builder, args[0]) if integer else args[0]
+                x = [builder.extract_element(value, ir.Constant(_B, k)) for k in range(value.type.count)]
+                while len(x) > 1:
+                    x = [combine(builder, x[k], x[k + 1]) for k in range(0, len(x), 2)]
+                return x[0]
 
             return (types.int64 if integer else types.float64)(v), codegen
 

@@ -126,23 +126,25 @@ def append_frame(
         root = file["VTKHDF"]
         steps = root["Steps"]
         frame = int(steps.attrs["NSteps"])
-        _cut(root, frame)
+        if frame == 0:
+            _cut(root, frame)
         stored: dict[str, np.ndarray] = {}
         numbers = {name: np.array([value], np.float64) for name, value in (field_data or {}).items()}
         for kind, fields in zip(KINDS, (point_data or {}, cell_data or {}, numbers), strict=True):
-            offsets = steps[kind + "Offsets"]
+            group, offsets = root[kind], steps[kind + "Offsets"]
             if frame and set(fields) != set(offsets):
                 raise ValueError(f"{path}: frame {frame} has {kind} {sorted(fields)}, earlier frames {sorted(offsets)}")
-            for name, values in fields.items():
-                values = stored[f"{kind}/{name}"] = _rows(root, kind, name, values)
+            rows = _checked(root, kind, fields, static=frame == 0)
+            for name, values in rows.items():
                 if frame == 0:
                     offsets.create_dataset(name, (0,), "i8", maxshape=(None,), chunks=(STEPS_PER_CHUNK,))
-                    _create_field(root[kind], name, values)
-                _extend(root[kind][name], values)
-                _extend(offsets[name], frame * len(values))
-        for name, (_, value) in STEP_ENTRIES.items():
-            _extend(steps[name], value)
-        _extend(steps["Values"], time)
+                    _create_field(group, name, values)
+                _put(group, name, frame * len(values), values)
+                _put(offsets, name, frame, np.array([frame * len(values)]))
+                stored[f"{kind}/{name}"] = values
+        for name, (shape, value) in STEP_ENTRIES.items():
+            _put(steps, name, frame, np.full((1, *shape), value))
+        _put(steps, "Values", frame, np.array([time], np.float64))
         file.flush()
         steps.attrs.modify("NSteps", np.int64(frame + 1))
     if digest is not None:
@@ -239,21 +241,25 @@ def _create(path, x, cells, cell_type, point_data, cell_data, precision, attribu
         for kind, fields in zip(KINDS, (point_data, cell_data, {}), strict=True):
             root.create_group(kind)
             steps.create_group(kind + "Offsets")
-            for name, values in fields.items():
-                root[kind][name] = _rows(root, kind, name, values)
+            for name, values in _checked(root, kind, fields, static=True).items():
+                root[kind][name] = values
 
 
-def _rows(root: h5py.Group, kind: str, name: str, values: np.ndarray) -> np.ndarray:
-    """Return a field in the type that is stored, after a check of its name and shape."""
-    if name in root[kind] and name not in root["Steps"][kind + "Offsets"]:
-        raise ValueError(f"{root.file.filename}: {kind} {name} is a static field")
-    n_rows = rows_of(root, kind)
-    values = np.asarray(values)
-    if values.ndim not in (1, 2) or len(values) != n_rows:
-        raise ValueError(f"{root.file.filename}: {kind} {name} has shape {values.shape}, needs {n_rows} rows")
-    if values.dtype.kind == "f" and kind != "FieldData":
-        return values.astype(root.file.attrs["field_precision"], copy=False)
-    return values.astype("u1") if values.dtype.kind == "b" else values
+def _checked(root: h5py.Group, kind: str, fields: Arrays, static: bool) -> dict[str, np.ndarray]:
+    """Fields of a kind in the types that are stored, after a check of shapes and, with ``static``, of names."""
+    if not fields:
+        return {}
+    n_rows, precision, checked = rows_of(root, kind), root.file.attrs["field_precision"], {}
+    for name, values in fields.items():
+        if static and name in root[kind] and name not in root["Steps"][kind + "Offsets"]:
+            raise ValueError(f"{root.file.filename}: {kind} {name} is a static field")
+        values = np.asarray(values)
+        if values.ndim not in (1, 2) or len(values) != n_rows:
+            raise ValueError(f"{root.file.filename}: {kind} {name} has shape {values.shape}, needs {n_rows} rows")
+        if values.dtype.kind == "f" and kind != "FieldData":
+            values = values.astype(precision, copy=False)
+        checked[name] = values.astype("u1") if values.dtype.kind == "b" else values
+    return checked
 
 
 def _create_field(group: h5py.Group, name: str, values: np.ndarray) -> None:
@@ -264,12 +270,14 @@ def _create_field(group: h5py.Group, name: str, values: np.ndarray) -> None:
     group.create_dataset(name, (0, *width), values.dtype, maxshape=(None, *width), chunks=(chunk, *width))
 
 
-def _extend(dataset: h5py.Dataset, values: np.ndarray | float) -> None:
-    """Add ``values`` (one row if it is a number) at the end of a dataset."""
-    values = np.atleast_1d(values)
-    start = dataset.shape[0]
-    dataset.resize(start + len(values), axis=0)
-    dataset[start:] = values
+def _put(group: h5py.Group, name: str, start: int, values: np.ndarray) -> None:
+    """Write rows of a dataset, which then ends behind them, through HDF5's own functions: they are quick."""
+    dataset = h5py.h5d.open(group.id, name.encode())
+    dataset.set_extent((start + len(values), *values.shape[1:]))
+    if values.size:
+        space = dataset.get_space()
+        space.select_hyperslab((start, *(0 for _ in values.shape[1:])), values.shape)
+        dataset.write(h5py.h5s.create_simple(values.shape), space, np.ascontiguousarray(values))
 
 
 def _cut(root: h5py.Group, n_frames: int) -> None:

@@ -9,12 +9,15 @@ of the surviving bonds and of the elements (`blocks`). Only ``B`` changes when b
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.finite_elements.nodes import local_nodes
+from pdfem_mpi.kernels import cycle_steps
 from pdfem_mpi.kernels.multigrid import add_block_products, interpolate_to_points, restrict_points
+from pdfem_mpi.kernels.node_table import add_rounded_rows
 from pdfem_mpi.kernels.rounding import pattern_for
 from pdfem_mpi.model.bounds import COARSE, Bounds, power_above
 from pdfem_mpi.model.forces import Forces
@@ -76,6 +79,11 @@ class Preconditioner:
         """The coarse level."""
         return self.cycle.grid
 
+    @cached_property
+    def held(self) -> np.ndarray:
+        """Places of the fixed unknowns of the cycle."""
+        return np.flatnonzero(self.fixed)
+
     def apply(self, r: np.ndarray, size: float, z: np.ndarray) -> None:
         """``z = P r``. Collective.
 
@@ -95,19 +103,16 @@ class Preconditioner:
         quantum, scale = pattern_for(64.0)[0], power_above(size)
         sums = np.zeros((len(nodes.number), 3), np.int64)
         restrict_points(self.cells, unknowns.of_points(r), quantum * scale, sums)
-        sums[self.own_nodes] += np.rint(unknowns.of_nodes(r) / (quantum * scale)).astype(np.int64)
+        add_rounded_rows(self.own_nodes, unknowns.of_nodes(r), quantum * scale, sums)
         nodes.halo.scatter_reverse(sums)
-        right = (sums[: nodes.n_owned] * quantum).reshape(-1)
-        right[self.fixed] = 0.0
         correction = np.zeros((len(nodes.number), 3))
-        correction[: nodes.n_owned] = self._cycle(right, quantum).reshape(-1, 3) * scale
+        self._cycle(sums, quantum, scale, correction)
         nodes.halo.scatter_forward(correction)
         interpolate_to_points(self.cells, correction, unknowns.of_points(z))
-        unknowns.of_nodes(z)[:] = correction[self.own_nodes]
         n = unknowns.n_points
         add_block_products(True, self.blocks[:n], OMEGA, unknowns.of_points(r), unknowns.of_points(z))
-        of_nodes = (unknowns.of_nodes(vector).reshape(-1) for vector in (r, z))
-        add_block_products(False, self.blocks[n:], OMEGA, *of_nodes)
+        of_nodes = (unknowns.of_nodes(vector) for vector in (r, z))
+        cycle_steps.correct_nodes(self.own_nodes, correction, self.blocks[n:], OMEGA, *of_nodes)
         tie(self.model, z)
 
     def apply_surely(self, r: np.ndarray, size: float, z: np.ndarray) -> None:
@@ -134,22 +139,24 @@ class Preconditioner:
         values = with_springs(self.of_points.values(points), self.of_springs, points)
         self.blocks[points] = inverted(values, self.fixed_points[points], self.softest[points])
 
-    def _cycle(self, right: np.ndarray, quantum: float) -> np.ndarray:
-        """One symmetric cycle for ``K x = right`` of the intact model, from 0."""
-        x, residual = np.zeros_like(right), np.empty_like(right)
-        add_block_products(False, self.cycle.blocks, self.cycle.damping, right, x)
+    def _cycle(self, sums: np.ndarray, quantum: float, scale: float, correction: np.ndarray) -> None:
+        """One symmetric cycle for the intact model, from 0, with ``quantum * sums`` on the right.
+
+        Its result times ``scale`` is written to the rows of the owned nodes.
+        """
+        right, x, residual = (np.empty(len(self.fixed)) for _ in range(3))
+        cycle_steps.start_cycle(sums, quantum, self.fixed, self.cycle.blocks, self.cycle.damping, right, x)
         self._residual(x, right, residual)
         met = self.forces.met.copy()
         self.grid.add_correction(residual, quantum, x)
-        x[self.fixed] = 0.0
+        x[self.held] = 0.0
         self._residual(x, right, residual)
         np.maximum(met, self.forces.met, out=self.forces.met)
-        add_block_products(False, self.cycle.blocks, self.cycle.damping, residual, x)
-        return x
+        cycle_steps.finish_cycle(self.cycle.blocks, self.cycle.damping, residual, x, scale, correction)
 
     def _residual(self, x, right, residual):
         self.forces.evaluate(x, right, residual)
-        residual[self.fixed] = 0.0
+        residual[self.held] = 0.0
 
 
 def make_preconditioner(

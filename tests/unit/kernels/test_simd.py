@@ -26,11 +26,13 @@ from pdfem_mpi.kernels.simd import (
     lanes,
     largest,
     load,
+    load8,
     magnitude,
     prefetch,
     root,
     smallest,
     splat,
+    splat8,
     store,
     unequal,
 )  # fmt: skip
@@ -331,3 +333,25 @@ def test_both_builds_have_the_same_names():
     assert plain <= set(vars(simd))
     intrinsics = (n for n, v in vars(simd).items() if isinstance(v, numba.core.extending._Intrinsic))
     assert set(intrinsics) <= plain
+
+
+@njit
+def apply_to_eight(x, y, out):
+    a, b = load8(x, 0), load8(y, 0)
+    store(out, 0, fma(a, b, splat8(3.0)))
+    store(out, 8, largest(magnitude(a), b))
+    out[16] = hmax(a)
+    out[17] = ihsum(b)
+    out[18] = lanes(above(a, b))
+
+
+def test_eight_lanes():
+    """Every lane is computed, whatever the width of the processor's registers."""
+    x, y = np.concatenate([X, 3.0 * Y]), np.concatenate([Z, X])
+    out = np.zeros(19)
+    apply_to_eight(x, y, out)
+    assert (out[:8] == x * y + 3.0).all()  # few digits: exact, rounded once or twice
+    assert (out[8:16] == np.maximum(np.abs(x), y)).all()
+    assert out[16] == x.max()
+    assert out[17] == float(y.view(np.int64).sum())
+    assert out[18] == sum(1 << k for k in range(8) if x[k] > y[k])
