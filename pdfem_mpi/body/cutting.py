@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from pdfem_mpi.body.boundaries import Boundaries
 from pdfem_mpi.body.counts import Counts, count
 from pdfem_mpi.body.discretization import Discretization, discretize
 from pdfem_mpi.body.found_region import Turning, WholeRegion, cut_around, turn
-from pdfem_mpi.body.overlap import describe_cracked_overlap
+from pdfem_mpi.body.overlap import describe_cracked_elements, describe_cracked_overlap
 from pdfem_mpi.body.partitioning import count_neighbours, partition
 from pdfem_mpi.body.probing import place_probes
 from pdfem_mpi.body.selection import select_places
@@ -148,7 +148,7 @@ def _cut(
         overlap_regions=regions_of(body.is_overlap),
         quality=body.quality,
         notes=body.notes,
-        crack_notes=tuple(describe_cracked_overlap(scene, body)),
+        crack_notes=tuple(_crack_notes(scene, body, region)),
         mesh_sha256=sha256[0],
         body_sha256=sha256[1],
         probes=place_probes(scene, body),
@@ -156,6 +156,17 @@ def _cut(
         boundaries=Boundaries.of(scene, body, mesh),
         found=region.rows.part(mesh, by_places(around, body.mesh, mesh)) if region else None,
     )
+
+
+def _crack_notes(scene: Scene, body: Discretization, region: WholeRegion | None) -> Iterator[str]:
+    """What a user should know of initial cracks through cells whose points follow nodes, or that have none."""
+    yield from describe_cracked_overlap(scene, body)
+    if region is None or not scene.cracks:
+        return
+    may_have_bonds = region.rows.can_turn
+    for _ in range(scene.adaptive.buffer_layers):
+        may_have_bonds = body.mesh.neighbours(may_have_bonds)
+    yield from describe_cracked_elements(scene, body, may_have_bonds)
 
 
 def _rows(body: Discretization, mesh: MeshPart, of_cells: Callable, sight: Sight | None) -> dict[str, np.ndarray]:

@@ -96,6 +96,26 @@ def describe_cracked_overlap(scene: Scene, discretization: Discretization) -> li
     return notes
 
 
+def describe_cracked_elements(scene: Scene, discretization: Discretization, may_have_bonds: np.ndarray) -> list[str]:
+    """Sentences about cracks through what must stay elements though a run finds its region.
+
+    Parameters
+    ----------
+    may_have_bonds : bool, shape (n_cells,)
+        Cells that could be described by bonds.
+    """
+    mesh = discretization.mesh
+    notes = []
+    for index, hit in _cracked(scene, mesh, ~may_have_bonds & ~discretization.is_overlap):
+        if count := mesh.everywhere.count(hit)[0]:
+            notes.append(
+                f"warning: cracks.{index} passes through {count} cells that must stay elements, the first "
+                f"{list_cells(mesh, hit)}: it parts nothing there. Supports, loads, regions of elements, "
+                "always_elements and may_fail = false make cells stay: move them away, or end the crack before."
+            )
+    return notes
+
+
 def _cracked(scene: Scene, mesh: HexMesh, following: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
     """Cracks by number, and the cells that they pass through, whose points follow nodes; bool, shape (n_cells,)."""
     for index, crack in enumerate(scene.cracks):

@@ -9,7 +9,7 @@ alone; only near to what is strained that far are bonds looked at, and what surr
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,14 @@ from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import first_stretches
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.finite_elements.nodes import local_nodes
-from pdfem_mpi.kernels.foretold import ROWS, follow_nodes, raise_ratios, strains_by_nodes, strains_by_points
+from pdfem_mpi.kernels.foretold import (
+    ROWS,
+    follow_nodes,
+    gaps_between,
+    raise_ratios,
+    strains_by_nodes,
+    strains_by_points,
+)  # fmt: skip
 from pdfem_mpi.kernels.hex8 import REFERENCE_NODES
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.measure.surroundings import Surroundings
@@ -30,9 +37,14 @@ from pdfem_mpi.peridynamics.points import Points, make_points
 
 #: Ratios are rounded to multiples of this: twins in a mirror that differ in their last digits are equal.
 ROUNDED = 2.0**-20
-#: A bond's stretch is a mean of the strain along it. What is known of the strain in a cell is so much below what it may
-#: be, of cells that are no parallelepipeds and between the points of two cells.
+#: A bond's stretch is a mean of the strain along it, and of what opens between cells with points of their own. So much
+#: of it may be strain inside of cells, and the rest of it gaps; where there are none, the rest is for cells that are no
+#: parallelepipeds, inside of which the strain may be above that at their corners.
 NEARLY = 1.1
+#: Bonds from one cell to the next are at least as long as this part of a cell's height.
+GAP = 1.0 - 3.0**-0.5
+#: Cells whose corners are so much nearer to those of a parallelepiped, relative to the edges, are one.
+STRAIGHT = 1e-6
 
 
 class Foretelling:
@@ -62,7 +74,9 @@ class Foretelling:
         self._surface = (gaps.cutoff, gaps.corners, gaps.planes, *gaps.near) if gaps else NO_SURFACE
         self._S = _table(points)
         self._connectivity = local_nodes(share)[share.mesh.cells[around.overlap]]
-        self._inverse = _inverse_in_the_middle(share.nodes[share.mesh.cells[self.cells]])
+        corners = share.nodes[share.mesh.cells[self.cells]]
+        self._inverse, self._tapered = _inverse_in_the_middle(corners), _tapered(corners)
+        self._seams = Seams.of(share, self._real, len(self.cells))
         self._limits, self._class_of = _limits(scene, share, around.point_cells)
         self._asked = ~share.found.is_turned[self.cells]
         self._lent, self._source = _lent(points), np.arange(len(points.cell_number))
@@ -152,9 +166,12 @@ class Foretelling:
         """
         strain = np.zeros(len(self._class_of))
         free, own = self._n_free, len(self.cells)
-        strains_by_points(self._S, self._inverse[:free], enough / NEARLY, strain[:free])
-        strains_by_nodes(self._connectivity, self._inverse[free:], moved, enough / NEARLY, strain[free:own])
+        shapes = self._inverse, self._tapered
+        strains_by_points(self._S, *(rows[:free] for rows in shapes), enough / NEARLY, strain[:free])
+        shapes = *(rows[free:] for rows in shapes), self._S, free
+        strains_by_nodes(self._connectivity, *shapes, moved, enough / NEARLY, strain[free:own])
         strain[:own] *= NEARLY
+        self._add_gaps(moved, strain)
         halo = self._halo.halo if self._images else self._halo
         if damaged is not None:
             torn = damaged[self._real].astype(np.int64)
@@ -163,11 +180,60 @@ class Foretelling:
         halo.scatter_forward(strain[: halo.n_owned + halo.n_ghost])
         return strain[self._source]
 
+    def _add_gaps(self, moved: np.ndarray, strain: np.ndarray) -> None:
+        """Raise the strains of own cells beside gaps to what bonds across these may stretch by. Collective."""
+        seams, own = self._seams, len(self.cells)
+        if not seams.there_are:
+            return
+        self._displace(seams.cells[(seams.cells >= self._n_free) & (seams.cells < own)], moved)
+        apart = np.empty(len(seams.cells))
+        gaps_between(self._S, seams.cells, seams.nodes, seams.held, *np.empty((2, len(seams.held), 3)), apart)
+        here = seams.cells < own
+        cells = seams.cells[here]
+        # a bond crosses one face for each GAP of a cell's height along it; the heights are 2 / |d r_k / d x|
+        crossings = 0.5 * np.sqrt((self._inverse[cells] ** 2).sum(axis=(1, 2))) / GAP
+        strain[cells] = np.maximum(strain[cells], apart[here] * crossings * NEARLY / (NEARLY - 1.0))
+
     def _strain_limits(self, least: np.ndarray) -> np.ndarray:
         """Strains up to which no bond of a cell is above the least ratio, of the rank's cells; float64, (n_owned,)."""
         steepest = self._limits.max(axis=1)[self._class_of[: len(self.cells)]]
         with np.errstate(divide="ignore"):
             return np.where(self._asked & (steepest > 0.0), least / steepest, np.inf)
+
+
+@dataclass(frozen=True)
+class Seams:
+    """Cells with a node of one that has points of its own: what is between them may open.
+
+    Attributes
+    ----------
+    cells : int64, shape (n,)
+        Among the rank's cells and ghosts, in the order of rows.
+    nodes : int32, shape (n, 8)
+        Their nodes, numbered among themselves.
+    held : bool, shape (n_nodes, 3)
+        Components that mirror planes hold.
+    there_are : bool
+        On any rank.
+    """
+
+    cells: np.ndarray
+    nodes: np.ndarray
+    held: np.ndarray
+    there_are: bool
+
+    @classmethod
+    def of(cls, share: Share, real: np.ndarray, n_owned: int) -> Seams:
+        """Those of the rank's cells and ghosts ``real``, places in the share. Collective."""
+        free = share.found.is_turned | share.found.is_held
+        beside = np.zeros(len(share.nodes), bool)
+        beside[share.mesh.cells[free]] = True
+        cells = np.flatnonzero(beside[share.mesh.cells[real]].any(axis=1))
+        used, nodes = np.unique(share.mesh.cells[real[cells]], return_inverse=True)
+        held = share.mirrors.normal_components(share.nodes[used], share.mesh.tolerance / share.units.length)
+        count = np.array([np.count_nonzero(cells < n_owned)])
+        there_are = bool(sum_integers(share.comm, count)[0])
+        return cls(cells, nodes.reshape(-1, 8).astype(np.int32), np.ascontiguousarray(held), there_are)
 
 
 NO_SURFACE = (
@@ -200,6 +266,14 @@ def _inverse_in_the_middle(corners: np.ndarray) -> np.ndarray:
         along += 0.125 * REFERENCE_NODES[a][:, None] * corners[:, a, None, :]
     across = np.stack([np.cross(along[:, k - 2], along[:, k - 1]) for k in range(3)], axis=1)
     return across / (along * across).sum(axis=2)[:, :1, None]
+
+
+def _tapered(corners: np.ndarray) -> np.ndarray:
+    """Which cells are no parallelepipeds, from their corners, (n, 8, 3); bool, shape (n,)."""
+    middle = corners.mean(axis=1)
+    along = 0.125 * np.einsum("ak,nad->nkd", REFERENCE_NODES, corners)
+    off = np.abs(corners - middle[:, None] - np.einsum("ak,nkd->nad", REFERENCE_NODES, along)).max(axis=(1, 2))
+    return off > STRAIGHT * np.abs(along).max(axis=(1, 2))
 
 
 def _limits(scene: Scene, share: Share, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -70,7 +70,8 @@ class RegionWatch:
         Parameters
         ----------
         accepted : bool
-            The load program takes the state for an equilibrium: how much it foretells is remembered.
+            The load program takes the state for an equilibrium: how much it foretells is remembered, of elements that
+            must stay as well.
 
         Raises
         ------
@@ -87,7 +88,7 @@ class RegionWatch:
         known, known_of_staying = (program.setdefault(name, 0.0) for name in ("foretold", "staying"))
         # what is not above these says nothing new
         new = min(max(known, TOLD_FROM), threshold) if accepted else threshold
-        matters = np.where(stays, max(known_of_staying, TOLD_FROM if accepted else 1.0), new)
+        matters = np.where(stays, max(known_of_staying, TOLD_FROM) if accepted else np.inf, new)
         ratio = self.foretelling.ratios(state.u, matters, self.damaged)
         hot = cells[(ratio >= threshold) & ~stays]
         missing = np.count_nonzero(found.too_near[hot]) + np.count_nonzero(found.too_near[damaged])

@@ -8,6 +8,7 @@ from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.measure.foretelling import ROUNDED
 from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.peridynamics.clusters import by_component
 from support.adaptive import plate
 
 CRACK = (Crack(polygon=((9.0, -1.0, -1.0), (9.0, 4.1, -1.0), (9.0, 4.1, 2.0), (9.0, -1.0, 2.0))),)
@@ -78,3 +79,24 @@ def test_what_is_beyond_damage_is_looked_at():
     found = foretelling.ratios(simulation.state.u, 1.0, torn)
     assert np.count_nonzero(beside) > 2
     assert (found[beside] > 100.0).all()
+
+
+@pytest.mark.parametrize("symmetry", [(), ("z-", "z+")])
+def test_what_opens_between_cells_is_looked_at(symmetry):
+    """Bonds' cells that move by themselves: none is strained, and bonds from one to the next are stretched."""
+    simulation = Simulation(plate(remove=(), symmetry=symmetry, cracks=CRACK), mpi().COMM_SELF)
+    foretelling, share, model = simulation.region_watch.foretelling, simulation.share, simulation.model
+    u = np.zeros(len(simulation.state.u))
+    points = model.unknowns.of_points(u)  # a view
+    moved = np.random.default_rng(5).normal(size=(len(points) // 24, 3)) * 1e-3
+    if symmetry:
+        moved[:, 2] = 0.0
+    by_component(points).reshape(-1, 2, 3, 4)[:] = moved[:, None, :, None]
+    assert (u != 0.0).any()
+    asked = ~share.found.is_turned[foretelling.cells]
+    x = gauss_positions(share.mesh.nodes[share.mesh.cells[foretelling.cells]])
+    expected = dense(x, foretelling.place(u), bool(symmetry)) * asked
+    least = 0.3 * expected.max()
+    found = foretelling.ratios(u, least)
+    assert np.count_nonzero(expected > 2.0 * least) > 5
+    np.testing.assert_allclose(found, np.where(expected > least, expected, 0.0), atol=2.0 * ROUNDED)
