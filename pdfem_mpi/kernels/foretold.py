@@ -166,8 +166,7 @@ def _largest_strain(u, inverse, wider, enough):
 
 @njit(**_options)
 def _largest_of_tapered(u, wider, x):
-    """The largest principal strain at the corners, nearly that inside; ``x``, float64, (8, 3): the points in the order
-    of nodes."""
+    """The largest principal strain at the corners, nearly that inside; ``x``, (8, 3): the points in nodes' order."""
     slope, bent, twist, moved = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     along, curved, warp, placed = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     _split(u, wider, slope, bent, twist)
@@ -289,12 +288,12 @@ def raise_bins(bins, members, number, around):
 
 
 @njit(**_options)
-def near_larger(bins, members, place, centre, reach2, number, around, limit, chosen):
-    """Which of the first cells are within the reach of one with a number above their limit.
+def near_larger(bins, members, place, centre, reach2, number, more, around, more_around, limit, chosen):
+    """Which of the first cells have a limit below the sum of the largest numbers of both kinds within the reach.
 
     Parameters
     ----------
-    bins, members, number, around
+    bins, members, number, around, more, more_around
         As of `raise_bins`.
     place : int32, shape (n_cells, 3)
         Bin of each cell.
@@ -307,21 +306,24 @@ def near_larger(bins, members, place, centre, reach2, number, around, limit, cho
     """
     for cell in range(limit.size):
         i, j, k = place[cell]
-        chosen[cell] = around[i, j, k] > limit[cell] and _is_near_larger(
-            bins, members, place, centre, reach2, number, cell, limit[cell]
+        chosen[cell] = around[i, j, k] + more_around[i, j, k] > limit[cell] and _is_near_larger(
+            bins, members, place, centre, reach2, number, more, cell, limit[cell]
         )
 
 
 @njit(**_options)
-def _is_near_larger(bins, members, place, centre, reach2, number, cell, limit):
+def _is_near_larger(bins, members, place, centre, reach2, number, more, cell, limit):
     i, j, k = place[cell]
+    top, most = 0.0, 0.0
     for a in range(i - 1, i + 2):
         for b in range(j - 1, j + 2):
             for c in range(k - 1, k + 2):
                 for m in range(bins[a, b, c, 0], bins[a, b, c, 1]):
                     other = members[m]
-                    if number[other] > limit and _are_near(centre, cell, other, reach2):
-                        return True
+                    if (number[other] > top or more[other] > most) and _are_near(centre, cell, other, reach2):
+                        top, most = max(top, number[other]), max(most, more[other])
+                        if top + most > limit:
+                            return True
     return False
 
 
@@ -427,7 +429,7 @@ SIGNATURES = {
     strains_by_points: types.void(_f8, *_shapes, types.float64, _f8),
     gaps_between: types.void(_f8, _i8, types.int32[:, ::1], types.boolean[:, ::1], _table, _table, _f8),
     raise_bins: types.void(*_bins, _f8, types.float64[:, :, ::1]),
-    near_larger: types.void(*_places, _f8, types.float64[:, :, ::1], _f8, types.boolean[::1]),
+    near_larger: types.void(*_places, _f8, _f8, *2 * (types.float64[:, :, ::1],), _f8, types.boolean[::1]),
     mark_around: types.void(*_places, _i8, types.boolean[::1]),
     raise_ratios: types.void(
         *_places,

@@ -37,9 +37,8 @@ from pdfem_mpi.peridynamics.points import Points, make_points
 
 #: Ratios are rounded to multiples of this: twins in a mirror that differ in their last digits are equal.
 ROUNDED = 2.0**-20
-#: A bond's stretch is a mean of the strain along it, and of what opens between cells with points of their own. So much
-#: of it may be strain inside of cells, and the rest of it gaps; where there are none, the rest is for cells that are no
-#: parallelepipeds, inside of which the strain may be above that at their corners.
+#: A bond's stretch is a mean of the strain along it, and of what opens between cells with points of their own. What is
+#: known of the strain is so much below what it may be, inside of cells that are no parallelepipeds.
 NEARLY = 1.1
 #: Bonds from one cell to the next are at least as long as this part of a cell's height.
 GAP = 1.0 - 3.0**-0.5
@@ -120,7 +119,7 @@ class Foretelling:
         ratio[:own] = least = np.maximum(least - ROUNDED, 0.0)
         limit = self._strain_limits(ratio[:own])
         enough = -float(largest(self.share.comm, np.array([-limit.min(initial=np.inf)]))[0])
-        chosen = self._surroundings.near_larger(self._strains(moved, enough, damaged), limit)
+        chosen = self._surroundings.near_larger(*self._strains(moved, enough, damaged), limit)
         if not sum_integers(self.share.comm, np.array([len(chosen)]))[0]:
             return np.zeros(own)
         needed = self._lent.copy()
@@ -138,7 +137,7 @@ class Foretelling:
         ----------
         cells : bool, shape (n_owned,)
         """
-        strain = np.where(self._asked & cells, self._strains(self._move(u), 0.0)[: len(self.cells)], 0.0)
+        strain = np.where(self._asked & cells, self._strains(self._move(u), 0.0)[0][: len(self.cells)], 0.0)
         (top,) = largest(self.share.comm, np.array([strain.max(initial=0.0)]))
         first = np.where((strain == top) & (strain > 0.0), 0.0, np.inf)
         return float(largest(self.share.comm, np.array([self.ratios(u, first).max(initial=0.0)]))[0])
@@ -159,8 +158,10 @@ class Foretelling:
         follow_nodes(cells, self._n_free, self._connectivity, moved, self._S)
         self._halo.scatter_forward(self._by_cell[:, :, 0:3])
 
-    def _strains(self, moved: np.ndarray, enough: float, damaged: np.ndarray | None = None) -> np.ndarray:
-        """How far bonds may stretch by what each cell tells, about where below ``enough``; of ghosts and images too.
+    def _strains(self, moved: np.ndarray, enough: float, damaged: np.ndarray | None = None) -> tuple:
+        """How far bonds may stretch by the strain of each cell, about where below ``enough``, and by gaps beside it.
+
+        Of ghosts and images too; a bond's stretch is at most the sum of the largest of both around it.
 
         Collective.
         """
@@ -171,28 +172,35 @@ class Foretelling:
         shapes = *(rows[free:] for rows in shapes), self._S, free
         strains_by_nodes(self._connectivity, *shapes, moved, enough / NEARLY, strain[free:own])
         strain[:own] *= NEARLY
-        self._add_gaps(moved, strain)
-        halo = self._halo.halo if self._images else self._halo
+        halo, torn = self._halo.halo if self._images else self._halo, np.zeros(len(self._real), np.int64)
         if damaged is not None:
-            torn = damaged[self._real].astype(np.int64)
+            torn[:] = damaged[self._real]
             halo.scatter_reverse(torn)
+            halo.scatter_forward(torn)
             strain[:own][torn[:own] > 0] = np.inf
-        halo.scatter_forward(strain[: halo.n_owned + halo.n_ghost])
-        return strain[self._source]
+        opening = self._openings(moved, torn > 0)
+        for number in (strain, opening):
+            halo.scatter_forward(number[: halo.n_owned + halo.n_ghost])
+        return strain[self._source], opening[self._source]
 
-    def _add_gaps(self, moved: np.ndarray, strain: np.ndarray) -> None:
-        """Raise the strains of own cells beside gaps to what bonds across these may stretch by. Collective."""
-        seams, own = self._seams, len(self.cells)
+    def _openings(self, moved: np.ndarray, torn: np.ndarray) -> np.ndarray:
+        """What bonds may stretch by across the gaps beside each own cell, at most; (n_cells,). Collective.
+
+        Gaps beside cells that are torn do not count: bonds across these reach into them, and are looked at anyway.
+        """
+        seams, own, opening = self._seams, len(self.cells), np.zeros(len(self._class_of))
         if not seams.there_are:
-            return
+            return opening
         self._displace(seams.cells[(seams.cells >= self._n_free) & (seams.cells < own)], moved)
-        apart = np.empty(len(seams.cells))
-        gaps_between(self._S, seams.cells, seams.nodes, seams.held, *np.empty((2, len(seams.held), 3)), apart)
-        here = seams.cells < own
-        cells = seams.cells[here]
+        whole = ~torn[seams.cells]
+        cells, apart = seams.cells[whole], np.empty(np.count_nonzero(whole))
+        gaps_between(self._S, cells, seams.nodes[whole], seams.held, *np.empty((2, len(seams.held), 3)), apart)
+        here = cells < own
+        cells = cells[here]
         # a bond crosses one face for each GAP of a cell's height along it; the heights are 2 / |d r_k / d x|
         crossings = 0.5 * np.sqrt((self._inverse[cells] ** 2).sum(axis=(1, 2))) / GAP
-        strain[cells] = np.maximum(strain[cells], apart[here] * crossings * NEARLY / (NEARLY - 1.0))
+        opening[cells] = apart[here] * crossings
+        return opening
 
     def _strain_limits(self, least: np.ndarray) -> np.ndarray:
         """Strains up to which no bond of a cell is above the least ratio, of the rank's cells; float64, (n_owned,)."""

@@ -41,24 +41,30 @@ class Surroundings:
         self._members = np.argsort(number, kind="stable")
         ends = np.searchsorted(number[self._members], np.arange(np.prod(shape) + 1))
         self._bins = np.stack([ends[:-1], ends[1:]], axis=1).reshape(*shape, 2)
-        self._around = np.empty(shape)
+        self._around, self._more_around = np.empty(shape), np.empty(shape)
 
     @property
     def rows(self) -> tuple:
         """What the kernels take."""
         return self._bins, self._members, self._place, self._centre, self._reach**2
 
-    def near_larger(self, number: np.ndarray, limit: np.ndarray) -> np.ndarray:
-        """Which of the first cells surround one with a number above their limit, itself included; int64.
+    def near_larger(self, number: np.ndarray, more: np.ndarray, limit: np.ndarray) -> np.ndarray:
+        """Which of the first cells surround some whose largest numbers of both kinds add up to more than their limit.
 
         Parameters
         ----------
-        number : float64, shape (n_cells,)
+        number, more : float64, shape (n_cells,)
         limit : float64, shape (n,)
+
+        Returns
+        -------
+        int64, shape (n_chosen,)
+            A cell surrounds itself.
         """
         chosen = np.empty(len(limit), bool)
         raise_bins(self._bins, self._members, number, self._around)
-        near_larger(*self.rows, number, self._around, limit, chosen)
+        raise_bins(self._bins, self._members, more, self._more_around)
+        near_larger(*self.rows, number, more, self._around, self._more_around, limit, chosen)
         return np.flatnonzero(chosen)
 
     def marked(self, cells: np.ndarray) -> np.ndarray:

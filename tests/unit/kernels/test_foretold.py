@@ -109,10 +109,12 @@ def test_cells_near_larger_ones_are_found():
     members = np.argsort(number, kind="stable")
     ends = np.searchsorted(number[members], np.arange(np.prod(shape) + 1))
     bins = np.stack([ends[:-1], ends[1:]], axis=1).reshape(*shape, 2)
-    value, limit, around = random.uniform(size=300), random.uniform(0.9, 1.0, size=100), np.empty(shape)
+    value, more = random.uniform(size=300), 0.1 * random.uniform(size=300)
+    limit, around, more_around = random.uniform(1.0, 1.1, size=100), np.empty(shape), np.empty(shape)
     chosen = np.empty(100, bool)
     raise_bins(bins, members, value, around)
-    near_larger(bins, members, place, centre, reach**2, value, around, limit, chosen)
+    raise_bins(bins, members, more, more_around)
+    near_larger(bins, members, place, centre, reach**2, value, more, around, more_around, limit, chosen)
     near = ((centre[:100, None] - centre) ** 2).sum(axis=2) <= reach**2
-    np.testing.assert_array_equal(chosen, (near & (value > limit[:, None])).any(axis=1))
+    np.testing.assert_array_equal(chosen, (near * value).max(axis=1) + (near * more).max(axis=1) > limit)
     assert 0 < np.count_nonzero(chosen) < 100
