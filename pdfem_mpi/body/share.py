@@ -22,6 +22,7 @@ from pdfem_mpi.body.locating import Weights
 from pdfem_mpi.body.materials import MaterialTable
 from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.body.selection import Selections
+from pdfem_mpi.body.softening_cells import SofteningCells
 from pdfem_mpi.body.subdomain import Subdomain, locality_order, node_owners, split_nodes
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors
@@ -68,6 +69,8 @@ class Share:
         Faces of the whole mesh that are a crack by their doubled nodes, and those of `surface_near`; model units.
     counts, typical_edge : Counts, float
         Sizes of the body; edge of cells taken as cubes, the median over the body, model units.
+    softening_cells : SofteningCells or None
+        Sizes of the cells whose bonds can soften, of the whole body.
     joint_regions, overlap_regions : int64
         Regions with peridynamic cells that follow nodes, and those with overlap cells; rising.
     quality, notes, crack_notes : Quality, tuples of str
@@ -107,6 +110,7 @@ class Share:
     surface: np.ndarray
     counts: Counts
     typical_edge: float
+    softening_cells: SofteningCells | None
     joint_regions: np.ndarray
     overlap_regions: np.ndarray
     quality: Quality
