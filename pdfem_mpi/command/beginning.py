@@ -17,6 +17,7 @@ TEMPLATES = {
     "plate": "plate with a hole, pulled until it breaks (half a minute)",
     "bending": "notched beam in three-point bending, a crack that grows (half a minute)",
     "bracket": "L-shaped bracket from a mesh file, pressed until it breaks (half a minute)",
+    "experiment": "notched beam of concrete, steered by the opening of its crack as in a laboratory (half a minute)",
 }
 
 

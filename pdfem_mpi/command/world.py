@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pdfem_mpi.command.console import fail, print_problems
-from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.meshes import FileMesh, PlateWithHoleMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import DeckError
 from pdfem_mpi.deck.toml import parse_deck, read_deck, read_text
@@ -42,8 +42,8 @@ def _refuse_ranks(scene: Scene, deck: Path, ranks: int) -> None:
     ------
     DeckError
     """
-    if isinstance(scene.mesh, FileMesh) or ranks <= (most := math.prod(scene.mesh.n_cells)):
-        return  # of a file, or of a body with something taken out, the ranks find out
+    if isinstance(scene.mesh, FileMesh | PlateWithHoleMesh) or ranks <= (most := math.prod(scene.mesh.n_cells)):
+        return  # of a file, a plate with a hole, or a body with something taken out, the ranks find out
     from pdfem_mpi.body.counts import too_many_ranks
 
     raise DeckError([f"{deck}: {too_many_ranks(ranks, most)}"])

@@ -43,7 +43,7 @@ def test_a_schema_that_is_there_stays(tmp_path):
     ("arguments", "code", "words"),
     [
         (("part", "--from", "braket"), 64, "Did you mean bracket?"),
-        (("part", "--from", "experiment"), 64, "is none of bar, plate, bending, bracket."),
+        (("part", "--from", "frame"), 64, "is none of bar, plate, bending, bracket, experiment."),
         (("file/part",), 73, "cannot be written ("),
     ],
 )
