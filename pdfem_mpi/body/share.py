@@ -51,10 +51,9 @@ class Share:
     nodes : float64, shape (n_nodes, 3)
     lower, upper : float64, shape (3,)
         Positions in model units, and corners of the whole body's box.
-    region, material : int16, shape (n_cells,)
+    region, material, body : int16, int16, int32, shape (n_cells,)
     is_peridynamic, has_points, is_overlap, has_stiffness : bool, shape (n_cells,)
         As in `Discretization`.
-    body : int32, shape (n_cells,)
     point_row, element_row : int64, shape (n_cells,)
         Number of a cell among those with points, or with nodes, of the whole body, as in result files; else -1.
     free_row : int64, shape (n_cells,)
@@ -67,10 +66,8 @@ class Share:
         Mirror planes; signs and shifts of reflections that bring an image within the cutoff radius of the body.
     doubled, surface : float64, shape (n, 4, 3)
         Faces of the whole mesh that are a crack by their doubled nodes, and those of `surface_near`; model units.
-    counts, typical_edge : Counts, float
-        Sizes of the body; edge of cells taken as cubes, the median over the body, model units.
-    softening_cells : SofteningCells or None
-        Sizes of the cells whose bonds can soften, of the whole body.
+    counts, typical_edge, softening_cells : Counts, float, SofteningCells or None
+        Sizes of the body; median edge of its cells, as cubes, in model units; sizes of those whose bonds can soften.
     joint_regions, overlap_regions : int64
         Regions with peridynamic cells that follow nodes, and those with overlap cells; rising.
     quality, notes, crack_notes : Quality, tuples of str
