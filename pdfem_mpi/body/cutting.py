@@ -19,6 +19,7 @@ from pdfem_mpi.body.probing import place_probes
 from pdfem_mpi.body.selection import select_places
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.sight import Sight, digests, is_seen_in_part, see, surroundings
+from pdfem_mpi.body.softening_cells import cube_edges, softening_cells
 from pdfem_mpi.body.subdomain import by_places, cut_out, node_owners
 from pdfem_mpi.body.surface import surface_near
 from pdfem_mpi.deck.scene import Scene
@@ -144,6 +145,7 @@ def _cut(
         **_faces(scene, body, owner == comm.rank, region is not None),
         counts=_count(body, sight),
         typical_edge=_typical_edge(body),
+        softening_cells=softening_cells(scene, body, region.rows.can_turn if region else None),
         joint_regions=regions_of(body.is_peridynamic & body.is_overlap),
         overlap_regions=regions_of(body.is_overlap),
         quality=body.quality,
@@ -213,5 +215,5 @@ def _typical_edge(body: Discretization) -> float:
     """Median over the body of the edges of cells, taken as cubes; model units. Collective, if ranks see parts."""
     everywhere, cells = body.mesh.everywhere, body.mesh.cells
     cells = cells if everywhere.own is None else cells[everywhere.own]
-    edge = np.sqrt(((body.nodes[cells[:, 6]] - body.nodes[cells[:, 0]]) ** 2).sum(axis=1) / 3.0)
+    edge = cube_edges(body.nodes, cells)
     return float(np.median(edge)) if everywhere.own is None else median(everywhere.comm, edge)

@@ -16,6 +16,7 @@ import numpy as np
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Material
 from pdfem_mpi.deck.scene import Scene
+from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.correction_sweeps import INFINITE_RESPONSE
 from pdfem_mpi.kernels.families import CUTOFF_GUARD
 
@@ -35,13 +36,27 @@ def bond_sizes(scene: Scene, share: Share) -> tuple[float, float, float]:
 def energy_of_planes(scene: Scene, share: Share) -> float:
     """Fracture energy of planes normal to an axis of the body's lattice, over that of the formula for the bulk.
 
-    By the median edge of its cells, taken as cubes: 0.956 with internal lengths of one cell and "virial", 0.995 with
-    1.5 cells. 1 where no bonds soften, and nobody asks.
+    By the median edge of the cells whose bonds can soften, taken as cubes: 0.956 with internal lengths of one cell and
+    "virial", 0.995 with 1.5 cells. 1 where no bonds soften, and nobody asks.
+
+    Raises
+    ------
+    SceneError
+        These cells are so long that no bonds hold the points of one together.
     """
-    if not scene.softens or not share.cutoff:
+    if share.softening_cells is None:
         return 1.0
-    cells = float(f"{1.0 / share.typical_edge:.{DIGITS}g}")
-    return lattice_energy(cells, share.cutoff / (1.0 + CUTOFF_GUARD), scene.peridynamics.surface_correction)
+    edge, cutoff = share.softening_cells.edge, share.cutoff / (1.0 + CUTOFF_GUARD)
+    cells = float(f"{1.0 / edge:.{DIGITS}g}")
+    energy = lattice_energy(cells, cutoff, scene.peridynamics.surface_correction)
+    if share.cutoff * GAUSS < edge or not energy > 0.0:
+        length = share.units.length
+        raise SceneError([
+            f"peridynamics.internal_length = {length:.6g} is too small for cells of edge {edge * length:.6g} whose "
+            f"bonds may soften: within the cutoff radius of {cutoff * length:.6g} no bonds hold such a cell together. "
+            f"Use finer cells there, or an internal length from {0.5 * edge * length:.6g} to {edge * length:.6g}."
+        ])  # fmt: skip
+    return energy
 
 
 @functools.lru_cache(maxsize=64)
@@ -56,11 +71,18 @@ def lattice_energy(cells: float, cutoff_ratio: float, correction: str) -> float:
         ``r_c / l``.
     correction : str
         ``peridynamics.surface_correction``: fitted factors have the stiffness of "virial".
+
+    Returns
+    -------
+    float
+        0 where points have no bonds, or none whose weight is a number above 0.
     """
     length = min(cells, DENSE)
     x, r, weight = _bonds_of_a_point(length, cutoff_ratio)
     # c w w of Young's modulus 1: c = 9 k / (pi l^4), and a point has an eighth of a cell
     weight *= 6.0 / (math.pi * length**4) / 64.0
+    if not weight.any():
+        return 0.0
     energy = 4.0 * float((0.5 * weight * r * x).sum())
     bulk = Material(youngs_modulus=1.0).energy_of_bonds(length, cutoff_ratio)
     cosine = x / r

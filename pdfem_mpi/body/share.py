@@ -22,6 +22,7 @@ from pdfem_mpi.body.locating import Weights
 from pdfem_mpi.body.materials import MaterialTable
 from pdfem_mpi.body.model_units import ModelUnits
 from pdfem_mpi.body.selection import Selections
+from pdfem_mpi.body.softening_cells import SofteningCells
 from pdfem_mpi.body.subdomain import Subdomain, locality_order, node_owners, split_nodes
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.mirrors import Mirrors
@@ -50,10 +51,9 @@ class Share:
     nodes : float64, shape (n_nodes, 3)
     lower, upper : float64, shape (3,)
         Positions in model units, and corners of the whole body's box.
-    region, material : int16, shape (n_cells,)
+    region, material, body : int16, int16, int32, shape (n_cells,)
     is_peridynamic, has_points, is_overlap, has_stiffness : bool, shape (n_cells,)
         As in `Discretization`.
-    body : int32, shape (n_cells,)
     point_row, element_row : int64, shape (n_cells,)
         Number of a cell among those with points, or with nodes, of the whole body, as in result files; else -1.
     free_row : int64, shape (n_cells,)
@@ -66,8 +66,8 @@ class Share:
         Mirror planes; signs and shifts of reflections that bring an image within the cutoff radius of the body.
     doubled, surface : float64, shape (n, 4, 3)
         Faces of the whole mesh that are a crack by their doubled nodes, and those of `surface_near`; model units.
-    counts, typical_edge : Counts, float
-        Sizes of the body; edge of cells taken as cubes, the median over the body, model units.
+    counts, typical_edge, softening_cells : Counts, float, SofteningCells or None
+        Sizes of the body; median edge of its cells, as cubes, in model units; sizes of those whose bonds can soften.
     joint_regions, overlap_regions : int64
         Regions with peridynamic cells that follow nodes, and those with overlap cells; rising.
     quality, notes, crack_notes : Quality, tuples of str
@@ -107,6 +107,7 @@ class Share:
     surface: np.ndarray
     counts: Counts
     typical_edge: float
+    softening_cells: SofteningCells | None
     joint_regions: np.ndarray
     overlap_regions: np.ndarray
     quality: Quality

@@ -27,6 +27,7 @@ from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE, critical_stre
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.runs.softening_notes import (
     Softening,
+    cells_that_differ,
     describe_softening,
     near_elements,
     softening_of,
@@ -126,6 +127,7 @@ def describe_criterion(
         yield f"{name}: {text}{_own(scene, own)}"
     if share.counts.overlap_cells and _reaches_into_overlap(scene, share):
         yield near_elements(share)
+    yield from cells_that_differ(share)
     yield from softening_warnings(scene, softening)
 
 

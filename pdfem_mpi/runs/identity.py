@@ -7,6 +7,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from pdfem_mpi.body.lattice_planes import energy_of_planes
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import leaves, show
@@ -27,6 +28,14 @@ HELD_NOW = (
     "since bonds between two points of the overlap no longer break unless the deck says so: set {key} = true to go on "
     "as before, or begin anew"
 )
+#: Stand for laws of bonds that became others without a change of the deck: what softening bonds make up for, and that
+#: bonds end at the surface of bodies that may have hollows. What is said where a checkpoint has none of it.
+PLANES, INSIDE = "energy of planes", "bonds inside of the body"
+BECAME = {
+    PLANES: "since bonds that soften make up for what planes of the lattice take, by another law than the checkpoint's",
+    INSIDE: "since bonds that leave the body are cut, and the checkpoint may have such bonds",
+}
+ANEW = "begin anew with --overwrite or in another folder, or go on with --force as the program is now"
 #: Tables, keys and defaults that came later than the first checkpoints: they say what these mean.
 NEWER_DEFAULTS = (
     ("mesh", "remove", []),
@@ -53,6 +62,10 @@ def identity(scene: Scene, share: Share) -> dict[str, Any]:
     keys[KINEMATICS] = keys[KINEMATICS] or "finite"  # as checkpoints had it when that was the default
     if scene.has_finite_elements and scene.kinematics == "finite":
         keys[ELEMENTS_BESIDE_BONDS if scene.has_peridynamics else ELEMENTS] = "finite"
+    if share.softening_cells is not None:
+        keys[PLANES] = energy_of_planes(scene, share)
+    if share.cutoff and scene.mesh.may_have_hollows:
+        keys[INSIDE] = True
     keys |= _may_fail(scene, share)
     keys = {key: value for key, value in keys.items() if not _is_newer_default(key, value) and not _is_label(key)}
     keys[MESH] = share.body_sha256
@@ -102,6 +115,8 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any], steps_done: int
         values = "differs" if key in (MESH, HEAT) else f"was {_show(then, key)}, the deck has {_show(now, key)}"
         if _held_now(key, a, b):
             values += f", {HELD_NOW.format(key=key)}"
+        elif key in BECAME and a is None:
+            values += f", {BECAME[key]}: {ANEW}"
         if _is(key, MAY_CHANGE) or (key in (LOAD_FACTORS, TIMES) and a and b and a[:done] == b[:done]):
             allowed.append(f"{key} {values}")
         else:

@@ -18,6 +18,9 @@ from pdfem_mpi.kernels.families import CUTOFF_GUARD
 FEW_CELLS = 3.0
 #: Beyond this ratio of stretches a body whose bonds do not drop hardens by more than a third, and damages diffusely.
 DIFFUSE = 5.0
+#: Of the edges of cells that soften, largest over smallest, and of those of one cell: the energy of planes moves by 6 %
+#: from cells of one internal length to those 1.3 times as long.
+SPREAD, ASPECT = 1.3, 1.5
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,8 @@ class Softening:
     kink : two floats or None, dimension 1
         Stretch over the final one, and force over that at the first limit.
     energy_of_planes : float, dimension 1
-        Fracture energy of planes of the lattice over that of the bulk: what the drop and the kink make up for.
+        Fracture energy of planes of the lattice over that of the bulk: what the forces of the branch make up for, with
+        the final stretch, which does so alone without a drop.
     longest_internal_length : float, dimension length
         ``l_max``, beyond which the bonds would be brittle.
     process_zone : float, dimension length
@@ -83,10 +87,29 @@ def describe_softening(scene: Scene, found: dict[str, Softening]) -> Iterator[tu
             "bonds soften" + (f", {name}" if len(found) > 1 else ""),
             f"from s_t = {law.first_stretch:.4g} to s_c = {law.final_stretch:.4g} (R = "
             f"{law.final_stretch / law.first_stretch:.4g}) in {law.teeth} teeth{drop}{kink}, by which planes of this "
-            f"lattice have G_c in the mean ({law.energy_of_planes:.3g} of it without); internal length up to "
+            f"lattice have G_c in the mean ({law.energy_of_planes:.3g} of it without{_by_stretch(law)}); internal "
+            "length up to "
             f"{law.longest_internal_length:.4g}{unit}; process zone {law.process_zone:.4g}{unit}, "
             f"{law.process_zone_cells:.3g} cells, or the ligament",
         )
+
+
+def _by_stretch(law: Softening) -> str:
+    """That forces stay as they are, where there is no drop."""
+    return "; R alone makes up for it, and forces are those of the line" if law.drop == 1.0 else ""
+
+
+def cells_that_differ(share: Share) -> Iterator[str]:
+    """A note where what planes take is that of one kind of cells only."""
+    cells, length = share.softening_cells, share.units.length
+    if cells is None or (cells.spread <= SPREAD and cells.aspect <= ASPECT):
+        return
+    yield (
+        f"note: cells whose bonds may soften differ (the largest edge is {cells.spread:.3g} times the smallest; a cell "
+        f"is up to {cells.aspect:.3g} times as long as wide): the energy of planes that the law makes up for is that "
+        f"of cubes of the median edge, {cells.edge * length:.4g}. Use cubes of one size where bonds may soften, and "
+        "may_fail = false in regions elsewhere."
+    )
 
 
 def softening_warnings(scene: Scene, found: dict[str, Softening]) -> Iterator[str]:

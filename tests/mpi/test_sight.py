@@ -19,6 +19,7 @@ from support.bodies import make_scene
 from support.dressed_decks import dressed_scene
 from support.helpers import assert_all
 from support.same_shares import differences
+from support.softening import remade, softening_material
 
 pytestmark = pytest.mark.mpi(min_size=2)
 
@@ -54,6 +55,9 @@ SCENES = {
     "notched": lambda: make_scene((12, 5, 3), 4, mesh=notched(NOTCH, BORE)),
     "mirrored notch": lambda: make_scene((12, 5, 3), 4, mesh=notched(NOTCH, BORE, symmetry=("y+",)), loads=()),
     "plate": lambda: make_scene((4, 3, 1), regions=ROUND, mesh=PLATE, loads=()),
+    "plate whose bonds soften": lambda: remade(
+        make_scene((4, 3, 1), regions=ROUND, mesh=PLATE, loads=()), material=softening_material(length=0.2)
+    ),
     "deep layers, tractions and springs": lambda: make_scene(
         (12, 4, 4), 6,
         loads=(

@@ -186,7 +186,9 @@ def test_what_misleads_of_softening_bonds_is_told():
     assert any("the process zone is" in note for note in notes(soft_strip(ratio=1.05)))
     told = notes(soft_strip())
     assert not any("process zone is" in note or "follows the cells" in note for note in told)
+    assert not any("R alone makes up for it" in note for note in told)
     line = soft_strip(material=softening_material(ratio=14.0, softening="line"))
+    assert any("R alone makes up for it, and forces are those of the line" in note for note in notes(line))
     assert any('softening = "line" with R = ' in note for note in notes(line))
 
 

@@ -3,12 +3,15 @@
 import pytest
 
 from pdfem_mpi.body.cutting import share_of
+from pdfem_mpi.body.lattice_planes import lattice_energy
 from pdfem_mpi.body.meshing import make_mesh
 from pdfem_mpi.deck.loads import Support
 from pdfem_mpi.deck.materials import Material
+from pdfem_mpi.deck.meshes import BoxMesh
 from pdfem_mpi.deck.outputs import LineProbe, Output
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.deck.programs import Solver, Steps
+from pdfem_mpi.deck.removals import RemovedBox
 from pdfem_mpi.deck.temperatures import Temperature
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs.identity import (
@@ -16,15 +19,18 @@ from pdfem_mpi.runs.identity import (
     ELEMENTS_BESIDE_BONDS,
     FREE,
     HEAT,
+    INSIDE,
     LOAD_FACTORS,
     MAY_CHANGE,
     MESH,
+    PLANES,
     TIMES,
     differences,
     identity,
     sha256,
 )
 from support.bodies import local_share, make_scene
+from support.softening import soft_strip
 
 
 def keys_of(**tables):
@@ -77,6 +83,30 @@ def test_elements_in_finite_kinematics_are_a_key_of_their_own():
         for scene in [make_scene((2, 1, 1), 2, kinematics=kinematics)]
     }
     assert differences(alone[None], alone["finite"], 1) == ([f'{ELEMENTS} was nothing, the deck has "finite"'], [])
+
+
+def test_bonds_that_soften_by_another_law_are_another_run():
+    """Checkpoints before the branch made up for the lattice have the deck's keys, and bonds with other teeth."""
+    scene = soft_strip()
+    keys = identity(scene, local_share(scene))
+    assert keys[PLANES] == lattice_energy(1.0, 2.5, "virial")
+    (refused,), allowed = differences({key: value for key, value in keys.items() if key != PLANES}, keys, 1)
+    assert refused.startswith(f"{PLANES} was nothing, the deck has 0.95") and "by another law" in refused
+    assert "begin anew" in refused and "--force" in refused and not allowed
+    assert PLANES not in KEYS and INSIDE not in KEYS  # brittle bonds in a box go on
+
+
+def test_bonds_that_left_the_body_are_another_run():
+    """In a body that may have hollows, of which checkpoints may have bonds that are cut now."""
+    notch = RemovedBox(kind="box", lower=(2.0, 0.0, 0.0), upper=(3.0, 1.0, 2.0))
+    mesh = BoxMesh(lower=(0.0, 0.0, 0.0), upper=(5.0, 2.0, 2.0), spacing=1.0, remove=(notch,))
+    for elements, kept in ((2, True), (5, False)):
+        scene = make_scene((5, 2, 2), elements, mesh=mesh, loads=())
+        keys = identity(scene, local_share(scene))
+        assert (INSIDE in keys) == kept
+        refused, _ = differences({key: value for key, value in keys.items() if key != INSIDE}, keys, 1)
+        assert len(refused) == kept
+        assert not kept or (refused[0].startswith(f"{INSIDE} was nothing") and "begin anew" in refused[0])
 
 
 @pytest.mark.parametrize(("elements", "limit"), [(0, True), (2, False), (5, True)])
