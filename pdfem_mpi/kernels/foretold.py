@@ -13,13 +13,13 @@ import numpy as np
 from numba import njit, types
 
 from pdfem_mpi.kernels.gap_cuts import leaves
-from pdfem_mpi.kernels.hex8 import SHAPE_AT_GAUSS
+from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, SHAPE_AT_GAUSS, shape_functions
 from pdfem_mpi.kernels.simd import W, above, fma, lanes, load, splat
 
 #: Rows of a cluster in the table: displacements, and positions.
 ROWS = 6
 #: A trilinear field at the corners, by its values at the points.
-FROM_POINTS = np.linalg.inv(SHAPE_AT_GAUSS)
+FROM_POINTS = np.ascontiguousarray(shape_functions(3.0 * GAUSS_POINTS).T)
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 

@@ -9,7 +9,7 @@ alone; only near to what is strained that far are bonds looked at, and what surr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,13 +21,13 @@ from pdfem_mpi.finite_elements.nodes import local_nodes
 from pdfem_mpi.kernels.foretold import (
     ROWS,
     follow_nodes,
-    gaps_between,
     raise_ratios,
     strains_by_nodes,
     strains_by_points,
 )  # fmt: skip
 from pdfem_mpi.kernels.hex8 import REFERENCE_NODES
 from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.measure.seams import Seams
 from pdfem_mpi.measure.surroundings import Surroundings
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import largest, sum_integers
@@ -40,8 +40,6 @@ ROUNDED = 2.0**-20
 #: A bond's stretch is a mean of the strain along it, and of what opens between cells with points of their own. What is
 #: known of the strain is so much below what it may be, inside of cells that are no parallelepipeds.
 NEARLY = 1.1
-#: Bonds from one cell to the next are at least as long as this part of a cell's height.
-GAP = 1.0 - 3.0**-0.5
 #: Cells whose corners are so much nearer to those of a parallelepiped, relative to the edges, are one.
 STRAIGHT = 1e-6
 
@@ -178,70 +176,19 @@ class Foretelling:
             halo.scatter_reverse(torn)
             halo.scatter_forward(torn)
             strain[:own][torn[:own] > 0] = np.inf
-        opening = self._openings(moved, torn > 0)
+        opening, seams = np.zeros(len(strain)), self._seams
+        if seams.there_are:
+            self._displace(seams.cells[(seams.cells >= free) & (seams.cells < own)], moved)
+            seams.open(self._S, self._inverse, torn > 0, opening)
         for number in (strain, opening):
             halo.scatter_forward(number[: halo.n_owned + halo.n_ghost])
         return strain[self._source], opening[self._source]
-
-    def _openings(self, moved: np.ndarray, torn: np.ndarray) -> np.ndarray:
-        """What bonds may stretch by across the gaps beside each own cell, at most; (n_cells,). Collective.
-
-        Gaps beside cells that are torn do not count: bonds across these reach into them, and are looked at anyway.
-        """
-        seams, own, opening = self._seams, len(self.cells), np.zeros(len(self._class_of))
-        if not seams.there_are:
-            return opening
-        self._displace(seams.cells[(seams.cells >= self._n_free) & (seams.cells < own)], moved)
-        whole = ~torn[seams.cells]
-        cells, apart = seams.cells[whole], np.empty(np.count_nonzero(whole))
-        gaps_between(self._S, cells, seams.nodes[whole], seams.held, *np.empty((2, len(seams.held), 3)), apart)
-        here = cells < own
-        cells = cells[here]
-        # a bond crosses one face for each GAP of a cell's height along it; the heights are 2 / |d r_k / d x|
-        crossings = 0.5 * np.sqrt((self._inverse[cells] ** 2).sum(axis=(1, 2))) / GAP
-        opening[cells] = apart[here] * crossings
-        return opening
 
     def _strain_limits(self, least: np.ndarray) -> np.ndarray:
         """Strains up to which no bond of a cell is above the least ratio, of the rank's cells; float64, (n_owned,)."""
         steepest = self._limits.max(axis=1)[self._class_of[: len(self.cells)]]
         with np.errstate(divide="ignore"):
             return np.where(self._asked & (steepest > 0.0), least / steepest, np.inf)
-
-
-@dataclass(frozen=True)
-class Seams:
-    """Cells with a node of one that has points of its own: what is between them may open.
-
-    Attributes
-    ----------
-    cells : int64, shape (n,)
-        Among the rank's cells and ghosts, in the order of rows.
-    nodes : int32, shape (n, 8)
-        Their nodes, numbered among themselves.
-    held : bool, shape (n_nodes, 3)
-        Components that mirror planes hold.
-    there_are : bool
-        On any rank.
-    """
-
-    cells: np.ndarray
-    nodes: np.ndarray
-    held: np.ndarray
-    there_are: bool
-
-    @classmethod
-    def of(cls, share: Share, real: np.ndarray, n_owned: int) -> Seams:
-        """Those of the rank's cells and ghosts ``real``, places in the share. Collective."""
-        free = share.found.is_turned | share.found.is_held
-        beside = np.zeros(len(share.nodes), bool)
-        beside[share.mesh.cells[free]] = True
-        cells = np.flatnonzero(beside[share.mesh.cells[real]].any(axis=1))
-        used, nodes = np.unique(share.mesh.cells[real[cells]], return_inverse=True)
-        held = share.mirrors.normal_components(share.nodes[used], share.mesh.tolerance / share.units.length)
-        count = np.array([np.count_nonzero(cells < n_owned)])
-        there_are = bool(sum_integers(share.comm, count)[0])
-        return cls(cells, nodes.reshape(-1, 8).astype(np.int32), np.ascontiguousarray(held), there_are)
 
 
 NO_SURFACE = (
@@ -278,9 +225,13 @@ def _inverse_in_the_middle(corners: np.ndarray) -> np.ndarray:
 
 def _tapered(corners: np.ndarray) -> np.ndarray:
     """Which cells are no parallelepipeds, from their corners, (n, 8, 3); bool, shape (n,)."""
-    middle = corners.mean(axis=1)
-    along = 0.125 * np.einsum("ak,nad->nkd", REFERENCE_NODES, corners)
-    off = np.abs(corners - middle[:, None] - np.einsum("ak,nkd->nad", REFERENCE_NODES, along)).max(axis=(1, 2))
+    along = np.zeros((len(corners), 3, 3))
+    for a in range(8):
+        along += 0.125 * REFERENCE_NODES[a][:, None] * corners[:, a, None, :]
+    middle, off = corners.mean(axis=1), np.zeros(len(corners))
+    for a in range(8):
+        straight = middle + (REFERENCE_NODES[a][:, None] * along).sum(axis=1)
+        off = np.maximum(off, np.abs(corners[:, a] - straight).max(axis=1))
     return off > STRAIGHT * np.abs(along).max(axis=(1, 2))
 
 
