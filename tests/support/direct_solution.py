@@ -118,8 +118,10 @@ def _leaves(body: Body, p: np.ndarray, q: np.ndarray) -> np.ndarray:
     mesh = body.discretization.mesh
     corners = mesh.nodes[mesh.cells]
     low, high = corners.min(axis=1), corners.max(axis=1)
-    if not (np.isclose(corners, low[:, None]) | np.isclose(corners, high[:, None])).all():
-        return np.zeros(len(p), bool)
+    boxes = (np.isclose(corners, low[:, None]) | np.isclose(corners, high[:, None])).all()
+    around = (high.max(axis=0) - low.min(axis=0)).prod()
+    if not boxes or np.isclose((high - low).prod(axis=1).sum(), around):
+        return np.zeros(len(p), bool)  # these cells fill the box around them
     way = q - p
     with np.errstate(divide="ignore", invalid="ignore"):
         inside = np.zeros(len(p))
