@@ -36,6 +36,11 @@ class Exchange:
         self._into = np.empty_like(self._out)
         comm.Alltoall(self._out, self._into)
 
+    @property
+    def source(self) -> Array:
+        """The rank of each row that comes here; int64."""
+        return np.repeat(np.arange(len(self._into)), self._into)
+
     def there(self, rows: Array) -> Array:
         """The rows that come here, rank by rank; ``rows`` have the shape (n, ...)."""
         return self._send(rows[self._order], self._out, self._into)

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pdfem_mpi.parallel.directory import Exchange
+
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
@@ -32,14 +34,9 @@ def elect(comm: Intracomm, ids: np.ndarray, claims: np.ndarray) -> np.ndarray:
     """
     if comm.size == 1:
         return np.where(claims < 0, -1, 0)
-    home = ids % comm.size
-    order = np.argsort(home, kind="stable")
-    heard, n_sent, n_heard = _exchange(comm, np.stack([ids, claims], axis=1)[order], home)
-    answers = _largest_claims(heard, np.repeat(np.arange(comm.size), n_heard))
-    owners, result = np.empty(len(ids), np.int64), np.empty(len(ids), np.int64)
-    comm.Alltoallv([answers, n_heard], [owners, n_sent])
-    result[order] = owners
-    return result
+    exchange = Exchange(comm, ids % comm.size)
+    heard = exchange.there(np.stack([ids, claims], axis=1))
+    return exchange.back(_largest_claims(heard, exchange.source))
 
 
 def told(comm: Intracomm, ids: np.ndarray, owner: np.ndarray) -> np.ndarray:
@@ -52,26 +49,7 @@ def told(comm: Intracomm, ids: np.ndarray, owner: np.ndarray) -> np.ndarray:
     """
     if comm.size == 1:
         return np.unique(ids)
-    order = np.argsort(owner, kind="stable")
-    return np.unique(_exchange(comm, ids[order, None], owner)[0])
-
-
-def _exchange(comm: Intracomm, rows: np.ndarray, rank: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows that came from the others, and how many went to each rank and came from it. Collective.
-
-    Parameters
-    ----------
-    rows : int64, shape (n, width)
-        Ordered by the rank that they go to.
-    rank : int64, shape (n,)
-        These ranks, in any order.
-    """
-    n_sent = np.bincount(rank, minlength=comm.size)
-    n_heard, width = np.empty_like(n_sent), rows.shape[1]
-    comm.Alltoall(n_sent, n_heard)
-    heard = np.empty((n_heard.sum(), width), np.int64)
-    comm.Alltoallv([np.ascontiguousarray(rows), width * n_sent], [heard, width * n_heard])
-    return heard, n_sent, n_heard
+    return np.unique(Exchange(comm, owner).there(ids))
 
 
 def _largest_claims(heard: np.ndarray, rank: np.ndarray) -> np.ndarray:
