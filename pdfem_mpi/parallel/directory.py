@@ -27,28 +27,35 @@ class Exchange:
     comm : Intracomm
     to : int, shape (n,)
         Rank that each row goes to.
+
+    Attributes
+    ----------
+    order : int64, shape (n,)
+        The rows, rank by rank.
+    out, into : int64, shape (n_ranks,)
+        How many rows go to each rank, and come from it.
     """
 
     def __init__(self, comm: Intracomm, to: Array):
         self._comm = comm
-        self._order = np.argsort(to, kind="stable")
-        self._out = np.bincount(to, minlength=comm.size)
-        self._into = np.empty_like(self._out)
-        comm.Alltoall(self._out, self._into)
+        self.order = np.argsort(to, kind="stable")
+        self.out = np.bincount(to, minlength=comm.size)
+        self.into = np.empty_like(self.out)
+        comm.Alltoall(self.out, self.into)
 
     @property
     def source(self) -> Array:
         """The rank of each row that comes here; int64."""
-        return np.repeat(np.arange(len(self._into)), self._into)
+        return np.repeat(np.arange(len(self.into)), self.into)
 
     def there(self, rows: Array) -> Array:
         """The rows that come here, rank by rank; ``rows`` have the shape (n, ...)."""
-        return self._send(rows[self._order], self._out, self._into)
+        return self._send(rows[self.order], self.out, self.into)
 
     def back(self, rows: Array) -> Array:
         """Answers to the rows that this rank sent, in their order; ``rows`` answer those that came here."""
-        answers = np.empty((len(self._order), *rows.shape[1:]), rows.dtype)
-        answers[self._order] = self._send(rows, self._into, self._out)
+        answers = np.empty((len(self.order), *rows.shape[1:]), rows.dtype)
+        answers[self.order] = self._send(rows, self.into, self.out)
         return answers
 
     def _send(self, rows: Array, out: Array, into: Array) -> Array:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pdfem_mpi.parallel.comm import Array, agree, mpi
+from pdfem_mpi.parallel.directory import Exchange
 from pdfem_mpi.parallel.traffic import TRAFFIC
 
 if TYPE_CHECKING:
@@ -211,12 +212,8 @@ def build_halo(comm: Intracomm, owned_ids: Array, ghost_ids: Array, ghost_owner:
         problems.append(f"rank {comm.rank} does not name one of {comm.size} ranks as owner of each ghost")
     _raise_on_all(comm, problems)
 
-    order = np.argsort(owner, kind="stable")
-    n_wanted = np.bincount(owner, minlength=comm.size)
-    n_asked = np.empty_like(n_wanted)
-    comm.Alltoall(n_wanted, n_asked)
-    asked_ids = np.empty(n_asked.sum(), dtype=np.int64)
-    comm.Alltoallv([ghost_ids[order], n_wanted], [asked_ids, n_asked])
+    exchange = Exchange(comm, owner)
+    asked_ids, order = exchange.there(ghost_ids), exchange.order
     by_id = np.argsort(owned_ids, kind="stable")
     place = np.searchsorted(owned_ids, asked_ids, sorter=by_id)
     foreign = np.setdiff1d(asked_ids, owned_ids)
@@ -226,8 +223,8 @@ def build_halo(comm: Intracomm, owned_ids: Array, ghost_ids: Array, ghost_owner:
     tag = 2 * (Halo.n_built % N_TAG_PAIRS) + 1
     grouped = np.array_equal(order, np.arange(len(order)))
     ghosts = slice(len(owned_ids), None) if grouped else order + len(owned_ids)
-    lent = Rows(by_id[place], _parts(n_asked), len(asked_ids))
-    return Halo(comm, tag, len(owned_ids), lent, Rows(ghosts, _parts(n_wanted), len(ghost_ids)))
+    lent = Rows(by_id[place], _parts(exchange.into), len(asked_ids))
+    return Halo(comm, tag, len(owned_ids), lent, Rows(ghosts, _parts(exchange.out), len(ghost_ids)))
 
 
 def _raise_on_all(comm: Intracomm, problems: list[str]) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pdfem_mpi.parallel.comm import agree, broadcast, mpi, report_progress, sum_integers
+from pdfem_mpi.parallel.directory import Directory, Exchange
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -168,7 +169,7 @@ def gather_pairs(comm: Intracomm, pairs: Array, n_global: int) -> Iterator[Array
 
 
 def redistribute(comm: Intracomm, global_ids: Array, rows: Array, wanted: Array, n_global: int) -> Array:
-    """Rows of a table whose rows lie on other ranks than they are wanted on, a slab of ids at a time. Collective.
+    """Rows of a table whose rows lie on other ranks than they are wanted on. Collective.
 
     Parameters
     ----------
@@ -188,18 +189,9 @@ def redistribute(comm: Intracomm, global_ids: Array, rows: Array, wanted: Array,
     ValueError
         On all ranks: an id that no rank has.
     """
-    order, places = np.argsort(global_ids, kind="stable"), np.argsort(wanted, kind="stable")
-    ids, ranked = global_ids[order], wanted[places]
-    own, missing = np.empty((len(wanted), *rows.shape[1:]), rows.dtype), np.ones(len(wanted), bool)
-    for first in range(0, n_global, SLAB):
-        part = slice(*np.searchsorted(ids, (first, first + SLAB)))
-        for found, values in comm.allgather((ids[part], rows[order[part]])):
-            at = np.searchsorted(ranked, found)
-            here = at < len(ranked)
-            here[here] = ranked[at[here]] == found[here]
-            own[places[at[here]]] = values[here]
-            missing[places[at[here]]] = False
-        report_progress()
-    if problems := agree(comm, [f"id {k} has no owner" for k in wanted[missing][:3]]):
+    owner = Directory.of(comm, global_ids, np.full(len(global_ids), comm.rank), n_global).ask(wanted)
+    if problems := agree(comm, [f"id {k} has no owner" for k in wanted[owner < 0][:3]]):
         raise ValueError(f"redistribute: {'; '.join(problems)}.")
-    return own
+    exchange, order = Exchange(comm, owner), np.argsort(global_ids, kind="stable")
+    asked = exchange.there(wanted)
+    return exchange.back(rows[order[np.searchsorted(global_ids, asked, sorter=order)]])
