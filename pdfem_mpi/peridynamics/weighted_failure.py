@@ -44,7 +44,7 @@ class WeightedFailure(Failure):
         x = point_rows(points.x)[self.ends]
         self.vector = x[:, 1] - x[:, 0]
         self.square = (self.vector**2).sum(axis=1)
-        self.setting, self.breaking, self.left = setting, breaking, np.ones(len(ids), bool)
+        self.setting, self.breaking, self.intact = setting, breaking, np.ones(len(ids), bool)
         limit = self.stretch[tuple(self.class_of[self.ends // 4].T)]
         self.inverse = np.where(limit < UNBREAKABLE, 1.0 / limit, 0.0)  # others do not break
         return self
@@ -52,7 +52,7 @@ class WeightedFailure(Failure):
     def _ratios(self, S: np.ndarray, weights: np.ndarray) -> np.ndarray:
         u = point_rows(np.ascontiguousarray(S[:, 0:3]).reshape(-1))
         stretch = ((u[self.ends[:, 1]] - u[self.ends[:, 0]]) * self.vector).sum(axis=1) / self.square
-        return stretch * self.inverse * weights * self.left
+        return stretch * self.inverse * weights * self.intact
 
     def largest_ratio(self, comm, bonds: Bonds, S: np.ndarray, most: float = math.inf) -> float:
         """Largest stretch relative to its critical one, times its weight."""
@@ -64,7 +64,7 @@ class WeightedFailure(Failure):
         if self.largest_ratio(comm, bonds, S) < 1.0 - margin:
             return
         gone = np.flatnonzero(self._ratios(S, self.breaking) >= 1.0 - margin)
-        self.left[gone] = False
+        self.intact[gone] = False
         for pairs, strengths, _ in break_again(points, bonds, self.ids[gone]):
             energies = np.empty(len(pairs))
             broken_energies(pairs, strengths, len(pairs), S.reshape(-1), False, energies)

@@ -85,8 +85,8 @@ class Assembly(Readings):
     def weigh_stretches(self, setting: np.ndarray, breaking: np.ndarray) -> None:
         """Count stretches by weights of single bonds: for studies of criteria, which the program's own are not.
 
-        For brittle bonds on one rank, in linear kinematics, with ``stepping.kind = "steps"`` or ``"events"``; before
-        the first step.
+        For brittle bonds on one rank, in linear kinematics and regions that are drawn, with ``stepping.kind = "steps"``
+        or ``"events"``; before the first bond breaks.
 
         Parameters
         ----------
@@ -100,8 +100,14 @@ class Assembly(Readings):
         ValueError
         """
         bonds, failure = self.bonds(), self.failure
-        if type(failure) is not Failure or self.model.finite or self.comm.size > 1:
-            raise ValueError("weights are for brittle bonds that may break, in linear kinematics, on one rank")
+        brittle = type(failure) is Failure and not failure.count
+        if not brittle or self.model.finite or self.comm.size > 1 or self.scene.is_adaptive:
+            raise ValueError(
+                "weights are for brittle bonds that may break and are whole, in linear kinematics, on one rank, in "
+                "regions that are drawn"
+            )
+        if self.scene.stepping.kind == "ramp":
+            raise ValueError('weights are for stepping.kind = "steps" or "events": ramps break bonds in their sweep')
         if not np.shape(setting) == np.shape(breaking) == (len(bonds.points),):
             raise ValueError(f"there are {len(bonds.points):,} bonds: give as many weights of both kinds")
         self.failure = WeightedFailure.of(failure, self.model.points, bonds.points, setting, breaking)

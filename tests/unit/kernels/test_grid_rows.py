@@ -5,7 +5,7 @@ import pytest
 
 from pdfem_mpi.kernels.grid_rows import grid_residual
 
-SINGLE = 1e-14  # relative: blocks are given in single precision to both
+ROUND_OFF = 1e-14  # relative to the sum of all entries: blocks are single precision for both, sums are not
 
 
 @pytest.mark.nojit
@@ -23,4 +23,4 @@ def test_residuals_are_those_of_the_dense_matrix():
     x, right, residual = rng.standard_normal(3 * n_nodes), rng.standard_normal(3 * n_rows), np.empty(3 * n_rows)
     grid_residual(start, column.astype(np.int32), blocks.reshape(-1), x, right, residual)
     dense = table.astype(float).swapaxes(1, 2).reshape(3 * n_rows, 3 * n_nodes)
-    np.testing.assert_allclose(residual, right - dense @ x, rtol=0, atol=SINGLE * np.abs(dense).sum())
+    np.testing.assert_allclose(residual, right - dense @ x, rtol=0, atol=ROUND_OFF * np.abs(dense).sum())

@@ -164,3 +164,10 @@ def test_weights_that_do_not_fit_are_refused():
         simulation.weigh_stretches(np.ones(3), np.ones(3))
     with pytest.raises(ValueError, match="weights are for brittle bonds"):
         bar(material={"youngs_modulus": 1.0e7}).weigh_stretches(np.ones(3), np.ones(3))
+    ones = np.ones(len(simulation.bonds().points))
+    list(simulation.steps())
+    with pytest.raises(ValueError, match="and are whole"):
+        simulation.weigh_stretches(ones, ones)
+    ramp = {"stepping": {"kind": "ramp", "increment": 1e-3}, "solver": {"kind": "adr"}}
+    with pytest.raises(ValueError, match="ramps break bonds in their sweep"):
+        pdfem.Simulation(pdfem.read_deck(PLATE | ramp), mpi().COMM_SELF).weigh_stretches(ones, ones)

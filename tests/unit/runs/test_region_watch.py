@@ -9,9 +9,9 @@ from pdfem_mpi.parallel.comm import mpi
 from support.adaptive import plate
 
 
-def cracked(end):
-    """A crack from below, across the whole plate to its right end from ``end`` on."""
-    return (Crack(polygon=((end, 6.0, -1.0), (19.0, 6.0, -1.0), (19.0, 6.0, 2.0), (end, 6.0, 2.0))),)
+def cracked():
+    """A crack along x, from the middle of the plate out of its right end."""
+    return (Crack(polygon=((9.0, 6.0, -1.0), (19.0, 6.0, -1.0), (19.0, 6.0, 2.0), (9.0, 6.0, 2.0))),)
 
 
 def test_only_accepted_states_tell_of_elements_that_stay():
@@ -27,8 +27,8 @@ def test_only_accepted_states_tell_of_elements_that_stay():
 
 def test_a_crack_through_elements_that_stay_is_told():
     """It ends in the held cells, or before them."""
-    told = [Simulation(plate(remove=(), cracks=cracked(end)), mpi().COMM_SELF).share.crack_notes for end in (9.0, 18.5)]
-    (note,) = (line for line in told[0] if "must stay elements" in line)
+    told = Simulation(plate(remove=(), cracks=cracked()), mpi().COMM_SELF).share.crack_notes
+    (note,) = (line for line in told if "must stay elements" in line)
     assert note.startswith("warning: cracks.0 passes through ") and "the first " in note
     inside = (Crack(polygon=((8.0, 6.0, -1.0), (10.0, 6.0, -1.0), (10.0, 6.0, 2.0), (8.0, 6.0, 2.0))),)
     scene = plate(remove=(), cracks=inside)

@@ -2,6 +2,8 @@
 
 import weakref
 
+import h5py
+import numpy as np
 import pytest
 
 from pdfem_mpi import Simulation
@@ -162,6 +164,13 @@ def test_a_frame_that_waits_is_that_of_the_body_before_a_switch(tmp_path):
     scene = of_forces(plate(stepping=stepping), {"output": Output(figures=False, damage=True, every=2)})
     assert alone(scene, tmp_path / "run") == 74
     assert (tmp_path / "run" / "summary.json").is_file()
+    with h5py.File(tmp_path / "run" / "body.vtkhdf") as file:
+        group = file["VTKHDF"]
+        assert group["FieldData/load_factor"][()].tolist() == [0.1, 0.2]
+        first, last = group["PointData/displacement"][()].reshape(2, -1, 3).astype(float)
+        models = group["CellData/model"][()].reshape(2, -1)
+    np.testing.assert_array_equal(models[1], models[0])
+    np.testing.assert_allclose(last, 2.0 * first, rtol=0, atol=1e-6 * np.abs(last).max())  # frames are float32
 
 
 @pytest.mark.slow

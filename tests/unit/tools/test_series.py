@@ -139,3 +139,11 @@ def test_dry_runs_list_what_is_left_and_write_nothing(study, capsys):
     before = {path: path.read_bytes() for path in (ROOT / "docs").glob("*.md")}
     assert study.main(["--dry-run"]) == 0
     assert before == {path: path.read_bytes() for path in (ROOT / "docs").glob("*.md")}
+
+
+def test_a_report_fills_the_tables_of_criteria_once(monkeypatch):
+    filled, drawn = [], []
+    monkeypatch.setattr(failure_criterion, "fill", lambda *arguments: filled.append(arguments))
+    monkeypatch.setattr(failure_criterion, "draw", lambda: drawn.append(1))
+    assert failure_criterion.main(["--report"]) == 0
+    assert len(filled) == len(drawn) == 1

@@ -237,6 +237,7 @@ def main(words: Sequence[str]) -> int:
         known = run(case)
         keys = ("first", "peak", "broken", "energy", "fracture_energy", "fit_residual", "largest_factor", "seconds")
         print(", ".join(f"{key} {number(known, key, '.4g')}" for key in keys if known.get(key) is not None), flush=True)
+    if not options.dry_run:
         fill(DOCS / "failure.md", tables())
         draw()
     return 0
