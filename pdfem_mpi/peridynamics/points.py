@@ -59,7 +59,7 @@ class Points:
     body : int32, shape (n_cells,), or None
         Body of each local cell, where there are several: no bonds between them.
     gaps : Gaps or None
-        What was taken out between the points, while bonds are made: none passes through it.
+        The surface of the body near the points, while bonds are made: none crosses it.
     depths : Depths or None
         Where cells lie towards other ranks, while bonds are made.
     """
