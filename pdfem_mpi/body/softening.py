@@ -102,9 +102,10 @@ def law_of(
     if ratio > LEAST_RATIO and (shape.drop == 1.0 or lacks < 0.0):
         first, ratio = _hardening(shape, first, energy / unit, tooth_ratio, material.poissons_ratio, cutoff_ratio)
     if not (ratio > LEAST_RATIO and longest > internal_length):
+        changes = ", or less, since the law changes with l" if planes != 1.0 or material.traction_opening else ""
         raise ValueError(
             f"is too long for a strength of {strength:.6g} with a fracture energy of {energy:.6g}: bonds that soften "
-            f"need l <= {longest:.6g}. Use a smaller peridynamics.internal_length, finer cells where it follows them, "
+            f"need l <= {longest:.6g}{changes}. Use a smaller peridynamics.internal_length, finer cells where it follows them, "
             "or critical_stretch"
         )
     teeth = make_teeth(shape.branch(ratio), tooth_ratio, first)
