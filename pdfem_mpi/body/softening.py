@@ -105,8 +105,8 @@ def law_of(
         changes = ", or less, since the law changes with l" if planes != 1.0 or material.traction_opening else ""
         raise ValueError(
             f"is too long for a strength of {strength:.6g} with a fracture energy of {energy:.6g}: bonds that soften "
-            f"need l <= {longest:.6g}{changes}. Use a smaller peridynamics.internal_length, finer cells where it follows them, "
-            "or critical_stretch"
+            f"need l <= {longest:.6g}{changes}. Use a smaller peridynamics.internal_length, finer cells where it "
+            "follows them, or critical_stretch"
         )
     teeth = make_teeth(shape.branch(ratio), tooth_ratio, first)
     of_bonds = unit * teeth.energy if lacks else energy
