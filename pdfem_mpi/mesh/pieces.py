@@ -89,7 +89,7 @@ def make_pieces(comm: Intracomm, layers: Extrusion, removals: Sequence[Any], sym
     if removals:
         cells = Directory.of_places(comm, left.cell_id, size[0])
         nodes = Directory.of_places(comm, left.node_id, size[1])
-        size = tuple(sum_integers(comm, np.array([len(cells.ids), len(nodes.ids)])).tolist())
+        size = cells.count(), nodes.count()
     pieces = Pieces(comm, layers, removals, lower, upper, measures, cells, nodes, *size)
     if removals:
         _check(pieces, block, left, symmetry)
