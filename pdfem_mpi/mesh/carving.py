@@ -10,7 +10,7 @@ import numpy as np
 from pdfem_mpi.deck.directions import unit
 from pdfem_mpi.deck.removals import RemovedBox, RemovedCylinder, RemovedHalfSpace
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.mesh.hexmesh import FACES, LISTED, HexMesh, equal_rows, list_cells
+from pdfem_mpi.mesh.hexmesh import FACES, LISTED, HexMesh, equal_rows, list_cells, with_own_nodes
 
 
 def carve(mesh: HexMesh, removals: Sequence[Any], symmetry: Sequence[str]) -> HexMesh:
@@ -41,10 +41,8 @@ def carve(mesh: HexMesh, removals: Sequence[Any], symmetry: Sequence[str]) -> He
     if gone.all():
         messages.append("mesh.remove takes all cells: nothing of the body is left. Remove less.")
         raise SceneError(messages)
-    number = np.full(len(mesh.nodes), -1)
-    used = np.unique(mesh.cells[~gone])
-    number[used] = np.arange(len(used))
-    left = HexMesh(mesh.nodes[used], number[mesh.cells[~gone]].astype(np.int32))
+    used, cells = with_own_nodes(mesh.cells[~gone], len(mesh.nodes))
+    left = HexMesh(mesh.nodes[used], cells)
     for face in symmetry:
         if not mesh.nodes_on_face(face)[used].any():
             messages.append(

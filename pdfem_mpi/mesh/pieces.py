@@ -15,7 +15,7 @@ import numpy as np
 from pdfem_mpi.mesh.carving import is_removed
 from pdfem_mpi.mesh.everywhere import Everywhere
 from pdfem_mpi.mesh.extrusion import Extrusion, Part
-from pdfem_mpi.mesh.hexmesh import FACES, POSITION_TOLERANCE, HexMesh, equal_rows
+from pdfem_mpi.mesh.hexmesh import FACES, POSITION_TOLERANCE, HexMesh, equal_rows, with_own_nodes
 from pdfem_mpi.mesh.part import Measures, MeshPart
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.parallel.directory import Directory
@@ -122,10 +122,8 @@ def block_of(lower: np.ndarray, upper: np.ndarray, rank: int, n_blocks: int) -> 
 
 def without(part: Part, gone: np.ndarray) -> Part:
     """What is left of some cells where others are gone, bool (n_cells,), and the nodes of these."""
-    used = np.zeros(len(part.nodes), bool)
-    used[part.cells[~gone]] = True
-    place = (np.cumsum(used) - 1).astype(np.int32)
-    return Part(part.nodes[used], place[part.cells[~gone]], part.cell_id[~gone], part.node_id[used])
+    used, cells = with_own_nodes(part.cells[~gone], len(part.nodes))
+    return Part(part.nodes[used], cells, part.cell_id[~gone], part.node_id[used])
 
 
 def _tolerance(lower: np.ndarray, upper: np.ndarray) -> float:
