@@ -15,6 +15,7 @@ import numpy as np
 from pdfem_mpi.mesh.carving import is_removed
 from pdfem_mpi.mesh.everywhere import Everywhere
 from pdfem_mpi.mesh.extrusion import Extrusion, Part
+from pdfem_mpi.mesh.faces import connected
 from pdfem_mpi.mesh.hexmesh import FACES, POSITION_TOLERANCE, HexMesh, equal_rows, with_own_nodes
 from pdfem_mpi.mesh.part import Measures, MeshPart
 from pdfem_mpi.parallel.comm import largest, sum_integers
@@ -162,9 +163,6 @@ def _check(pieces: Pieces, gone: list[np.ndarray], left: Part, symmetry: Sequenc
 
 def _count_pieces(pieces: Pieces) -> int:
     """How many parts that share no face there are: those of each block, joined where blocks meet. Collective."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     comm, mesh = pieces.comm, pieces.near(pieces.lower, pieces.upper, 1)
     own, n = pieces.own(mesh), len(mesh.cells)
     number = equal_rows(np.sort(mesh.cells[:, FACES].reshape(-1, 4), axis=1))
@@ -172,8 +170,7 @@ def _count_pieces(pieces: Pieces) -> int:
     same = number[order[1:]] == number[order[:-1]]
     one, two = order[:-1][same] // len(FACES), order[1:][same] // len(FACES)
     inside = own[one] & own[two]
-    joined = coo_array((np.ones(np.count_nonzero(inside), np.int8), (one[inside], two[inside])), shape=(n, n))
-    label = connected_components(joined, directed=False)[1]
+    _, label = connected(n, one[inside], two[inside])
     names, label_of_own = np.unique(label[own], return_inverse=True)
     first = comm.exscan(len(names)) or 0
     part = np.full(n, -1, np.int64)
@@ -183,5 +180,4 @@ def _count_pieces(pieces: Pieces) -> int:
     across = own[one] != own[two]
     pairs = np.unique(np.sort(np.column_stack([part[one[across]], part[two[across]]]), axis=1), axis=0)
     pairs = np.concatenate(comm.allgather(pairs))
-    graph = coo_array((np.ones(len(pairs), np.int8), tuple(pairs.T)), shape=(total, total))
-    return connected_components(graph, directed=False)[0]
+    return connected(total, *pairs.T)[0]
