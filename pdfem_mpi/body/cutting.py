@@ -29,7 +29,6 @@ from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.part import MeshPart, take_part
 from pdfem_mpi.mesh.pieces import block_of
 from pdfem_mpi.parallel.comm import broadcast
-from pdfem_mpi.parallel.dealing import median
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -124,7 +123,7 @@ def _cut(
         return values if len(mesh.cells) == len(values) else values[seen]
 
     def regions_of(cells: np.ndarray) -> np.ndarray:
-        chosen = body.region[cells if everywhere.own is None else cells & everywhere.own]
+        chosen = body.region[everywhere.mine(cells)]
         return np.flatnonzero(everywhere.total(*np.bincount(chosen, minlength=len(scene.regions))))
 
     return Share(
@@ -213,7 +212,5 @@ def _faces(scene: Scene, body: Discretization, mine: np.ndarray, turnable: bool)
 
 def _typical_edge(body: Discretization) -> float:
     """Median over the body of the edges of cells, taken as cubes; model units. Collective, if ranks see parts."""
-    everywhere, cells = body.mesh.everywhere, body.mesh.cells
-    cells = cells if everywhere.own is None else cells[everywhere.own]
-    edge = cube_edges(body.nodes, cells)
-    return float(np.median(edge)) if everywhere.own is None else median(everywhere.comm, edge)
+    everywhere = body.mesh.everywhere
+    return everywhere.median(cube_edges(body.nodes, everywhere.rows(body.mesh.cells)))
