@@ -11,7 +11,7 @@ import numpy as np
 
 from pdfem_mpi.body.boundaries import Boundaries
 from pdfem_mpi.body.counts import Counts, count
-from pdfem_mpi.body.discretization import Discretization, discretize
+from pdfem_mpi.body.discretization import Discretization, discretize, number_among
 from pdfem_mpi.body.found_region import Turning, WholeRegion, cut_around, turn
 from pdfem_mpi.body.overlap import describe_cracked_elements, describe_cracked_overlap
 from pdfem_mpi.body.partitioning import count_neighbours, partition
@@ -173,17 +173,9 @@ def _crack_notes(scene: Scene, body: Discretization, region: WholeRegion | None)
 def _rows(body: Discretization, mesh: MeshPart, of_cells: Callable, sight: Sight | None) -> dict[str, np.ndarray]:
     """Numbers of cells and nodes of the share among those of a kind of the whole body. Collective."""
     if sight is None:
-        nodes = body.node_row
-        return {
-            "point_row": of_cells(body.point_row),
-            "free_row": of_cells(body.free_row),
-            "element_row": of_cells(body.element_row),
-            "node_row": nodes if len(mesh.nodes) == len(nodes) else nodes[mesh.node_id],
-        }
-    chosen = {
-        "point_row": body.has_points, "free_row": body.has_points & ~body.is_overlap, "element_row": body.has_nodes,
-    }  # fmt: skip
-    rows = {name: sight.rows_of_cells(cells, mesh.cell_id) for name, cells in chosen.items()}
+        rows, nodes = {name: of_cells(number_among(cells)) for name, cells in body.numbered.items()}, body.node_row
+        return rows | {"node_row": nodes if len(mesh.nodes) == len(nodes) else nodes[mesh.node_id]}
+    rows = {name: sight.rows_of_cells(cells, mesh.cell_id) for name, cells in body.numbered.items()}
     return rows | {"node_row": sight.rows_of_nodes(body.has_nodes, mesh.node_id)}
 
 
