@@ -11,6 +11,7 @@ import numpy as np
 
 from pdfem_mpi.body.boundaries import Boundaries
 from pdfem_mpi.body.counts import Counts, count
+from pdfem_mpi.body.digests import digests_in_part, digests_of_whole
 from pdfem_mpi.body.discretization import Discretization, discretize, number_among
 from pdfem_mpi.body.found_region import Turning, WholeRegion, cut_around, turn
 from pdfem_mpi.body.overlap import describe_cracked_elements, describe_cracked_overlap
@@ -18,7 +19,7 @@ from pdfem_mpi.body.partitioning import count_neighbours, partition
 from pdfem_mpi.body.probing import place_probes
 from pdfem_mpi.body.selection import select_places
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.body.sight import Sight, digests, is_seen_in_part, see, surroundings
+from pdfem_mpi.body.sight import Sight, is_seen_in_part, see, surroundings
 from pdfem_mpi.body.softening_cells import cube_edges, softening_cells
 from pdfem_mpi.body.subdomain import by_places, cut_out, node_owners
 from pdfem_mpi.body.surface import surface_near
@@ -28,7 +29,6 @@ from pdfem_mpi.mesh.everywhere import SeenInPart
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.part import MeshPart, take_part
 from pdfem_mpi.mesh.pieces import block_of
-from pdfem_mpi.parallel.comm import broadcast
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -117,7 +117,7 @@ def _cut(
     mesh = take_part(body.mesh, seen)
     everywhere = body.mesh.everywhere
     centred = body.units.places(np.array([body.mesh.lower, body.mesh.upper]))
-    sha256 = _digests(body, comm) if sight is None else digests(sight)
+    sha256 = digests_of_whole(body, comm) if sight is None else digests_in_part(sight)
 
     def of_cells(values: np.ndarray) -> np.ndarray:
         return values if len(mesh.cells) == len(values) else values[seen]
@@ -187,11 +187,6 @@ def _count(body: Discretization, sight: Sight | None) -> Counts:
     owner_of_node = node_owners(body.mesh, body.has_nodes, sight.owner)
     (nodes,) = everywhere.total(np.count_nonzero(owner_of_node == everywhere.comm.rank))
     return count(body, nodes, sight.n_nodes)
-
-
-def _digests(whole: Discretization, comm: Intracomm) -> tuple[str, str]:
-    """Digests of the mesh and of the body, of which rank 0 makes them. Collective."""
-    return broadcast(comm, (whole.mesh.sha256(), whole.sha256()) if comm.rank == 0 else None)
 
 
 def _faces(scene: Scene, body: Discretization, mine: np.ndarray, turnable: bool) -> dict[str, np.ndarray]:
