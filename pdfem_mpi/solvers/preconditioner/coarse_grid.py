@@ -29,7 +29,7 @@ from pdfem_mpi.solvers.preconditioner.grid_cells import (
 from pdfem_mpi.solvers.preconditioner.grid_stiffness import make_last, make_level
 from pdfem_mpi.solvers.preconditioner.levels import LastLevel, Level, Transfer, cycle, make_transfer
 from pdfem_mpi.solvers.preconditioner.nested_grids import coarser_nodes, grid_counts, halved, number_in
-from pdfem_mpi.solvers.preconditioner.spread import Spread, deal_out
+from pdfem_mpi.solvers.preconditioner.spread import Spread, spread_by_claims
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def _deal_out_cells(comm, of_points: np.ndarray, of_nodes: np.ndarray, first_ran
     """Owners of the grid cells around Gauss points and nodes: who has most points in each, or rank 0. Collective."""
     known = np.unique(np.concatenate([of_points, of_nodes]))
     n_points = np.bincount(np.searchsorted(known, of_points), minlength=len(known))
-    return deal_out(comm, known, n_points, comm.size if first_rank else 1)
+    return spread_by_claims(comm, known, n_points, comm.size if first_rank else 1)
 
 
 def _points_beside(share: Share, own: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.solvers.preconditioner.grid_cells import GridCells
 from pdfem_mpi.solvers.preconditioner.levels import DAMPING, LastLevel, Level, factorise
 from pdfem_mpi.solvers.preconditioner.nested_grids import number_in
-from pdfem_mpi.solvers.preconditioner.spread import deal_out, with_copies
+from pdfem_mpi.solvers.preconditioner.spread import spread_by_claims, with_copies
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -66,7 +66,7 @@ def make_level(comm, cells: GridCells, ratios: np.ndarray, spring: float) -> Lev
     """The rows of a grid's nodes, dealt out by who owns most of the cells around each. Collective."""
     counts = cells.counts
     claimed, n_claims = np.unique(cell_nodes(counts, 1, cells.ids[cells.active]), return_counts=True)
-    nodes = deal_out(comm, claimed, n_claims).owned
+    nodes = spread_by_claims(comm, claimed, n_claims).owned
     around = _cells_around(comm, cells, nodes)
     table, stiffest = _rows(around, nodes, ratios, spring)
     diagonal = table[:, DIAGONAL, range(3), range(3)]

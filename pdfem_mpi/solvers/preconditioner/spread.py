@@ -35,7 +35,7 @@ class Spread:
         return order[np.searchsorted(self.ids, ids, sorter=order)]
 
 
-def deal_out(comm, ids: np.ndarray, claims: np.ndarray, together: int = 1) -> Spread:
+def spread_by_claims(comm, ids: np.ndarray, claims: np.ndarray, together: int = 1) -> Spread:
     """Find owners for what ranks know, each by its largest claim. Collective.
 
     Parameters
