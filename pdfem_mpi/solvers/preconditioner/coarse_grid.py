@@ -114,7 +114,8 @@ def make_grid(
     weights = np.ones((len(where), 8))
     for d in range(3):
         weights *= np.where(CORNERS[:, d], xi[:, d, None], 1.0 - xi[:, d, None])
-    first = make_transfer(comm, cell_nodes(counts, 1, where), weights, (*levels, last)[0].nodes)
+    n_nodes = int(np.prod(counts + 1))
+    first = make_transfer(comm, cell_nodes(counts, 1, where), weights, (*levels, last)[0].nodes, n_nodes)
     return Grid((first, *between), levels, last)
 
 
@@ -128,7 +129,7 @@ def _make_levels(comm, cells: GridCells, n_halvings: int, ratios: np.ndarray, sp
     last = make_last(comm, cells, ratios, spring)
     coarser = [*levels, last][1:]
     between = [
-        make_transfer(comm, *coarser_nodes(level.nodes, counts), below.nodes)
+        make_transfer(comm, *coarser_nodes(level.nodes, counts), below.nodes, int(np.prod(halved(counts) + 1)))
         for level, counts, below in zip(levels, all_counts, coarser, strict=True)
     ]
     return tuple(levels), last, tuple(between)

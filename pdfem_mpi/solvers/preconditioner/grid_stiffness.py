@@ -78,7 +78,7 @@ def make_level(comm, cells: GridCells, ratios: np.ndarray, spring: float) -> Lev
     row, slot = np.nonzero((table != 0.0).any(axis=(2, 3)))
     index = np.stack(np.unravel_index(nodes, counts + 1), axis=1)
     column = number_in(counts + 1, index[row] + _OFFSETS[slot])
-    spread = with_copies(comm, nodes, column)
+    spread = with_copies(comm, nodes, column, int(np.prod(counts + 1)))
     blocks = np.zeros((len(row), 3, BLOCK // 3), np.float32)
     blocks[:, :, :3] = table[row, slot].swapaxes(1, 2)
     return Level(
@@ -97,7 +97,7 @@ def _cells_around(comm, cells: GridCells, nodes: np.ndarray) -> GridCells:
     lowest = np.stack(np.unravel_index(nodes, counts + 1), axis=1) - 1
     index = np.concatenate([lowest + corner for corner in CORNERS])
     inside = ((index >= 0) & (index < counts)).all(axis=1)
-    spread = with_copies(comm, owned, number_in(counts, index[inside]))
+    spread = with_copies(comm, owned, number_in(counts, index[inside]), int(np.prod(counts)))
     moments = np.empty((len(spread.ids), *cells.moments.shape[1:]))
     stiffest = np.empty(len(spread.ids))
     for known, own in ((moments, cells.moments), (stiffest, cells.stiffest)):
