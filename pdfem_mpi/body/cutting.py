@@ -11,14 +11,15 @@ import numpy as np
 
 from pdfem_mpi.body.boundaries import Boundaries
 from pdfem_mpi.body.counts import Counts, count
-from pdfem_mpi.body.discretization import Discretization, discretize
+from pdfem_mpi.body.digests import digests_in_part, digests_of_whole
+from pdfem_mpi.body.discretization import Discretization, discretize, number_among
 from pdfem_mpi.body.found_region import Turning, WholeRegion, cut_around, turn
 from pdfem_mpi.body.overlap import describe_cracked_elements, describe_cracked_overlap
 from pdfem_mpi.body.partitioning import count_neighbours, partition
 from pdfem_mpi.body.probing import place_probes
 from pdfem_mpi.body.selection import select_places
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.body.sight import Sight, digests, is_seen_in_part, see, surroundings
+from pdfem_mpi.body.sight import Sight, is_seen_in_part, see, surroundings
 from pdfem_mpi.body.softening_cells import cube_edges, softening_cells
 from pdfem_mpi.body.subdomain import by_places, cut_out, node_owners
 from pdfem_mpi.body.surface import surface_near
@@ -28,8 +29,6 @@ from pdfem_mpi.mesh.everywhere import SeenInPart
 from pdfem_mpi.mesh.hexmesh import HexMesh
 from pdfem_mpi.mesh.part import MeshPart, take_part
 from pdfem_mpi.mesh.pieces import block_of
-from pdfem_mpi.parallel.comm import broadcast
-from pdfem_mpi.parallel.dealing import median
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -118,13 +117,13 @@ def _cut(
     mesh = take_part(body.mesh, seen)
     everywhere = body.mesh.everywhere
     centred = body.units.places(np.array([body.mesh.lower, body.mesh.upper]))
-    sha256 = _digests(body, comm) if sight is None else digests(sight)
+    sha256 = digests_of_whole(body, comm) if sight is None else digests_in_part(sight)
 
     def of_cells(values: np.ndarray) -> np.ndarray:
         return values if len(mesh.cells) == len(values) else values[seen]
 
     def regions_of(cells: np.ndarray) -> np.ndarray:
-        chosen = body.region[cells if everywhere.own is None else cells & everywhere.own]
+        chosen = body.region[everywhere.mine(cells)]
         return np.flatnonzero(everywhere.total(*np.bincount(chosen, minlength=len(scene.regions))))
 
     return Share(
@@ -174,17 +173,9 @@ def _crack_notes(scene: Scene, body: Discretization, region: WholeRegion | None)
 def _rows(body: Discretization, mesh: MeshPart, of_cells: Callable, sight: Sight | None) -> dict[str, np.ndarray]:
     """Numbers of cells and nodes of the share among those of a kind of the whole body. Collective."""
     if sight is None:
-        nodes = body.node_row
-        return {
-            "point_row": of_cells(body.point_row),
-            "free_row": of_cells(body.free_row),
-            "element_row": of_cells(body.element_row),
-            "node_row": nodes if len(mesh.nodes) == len(nodes) else nodes[mesh.node_id],
-        }
-    chosen = {
-        "point_row": body.has_points, "free_row": body.has_points & ~body.is_overlap, "element_row": body.has_nodes,
-    }  # fmt: skip
-    rows = {name: sight.rows_of_cells(cells, mesh.cell_id) for name, cells in chosen.items()}
+        rows, nodes = {name: of_cells(number_among(cells)) for name, cells in body.numbered.items()}, body.node_row
+        return rows | {"node_row": nodes if len(mesh.nodes) == len(nodes) else nodes[mesh.node_id]}
+    rows = {name: sight.rows_of_cells(cells, mesh.cell_id) for name, cells in body.numbered.items()}
     return rows | {"node_row": sight.rows_of_nodes(body.has_nodes, mesh.node_id)}
 
 
@@ -198,11 +189,6 @@ def _count(body: Discretization, sight: Sight | None) -> Counts:
     return count(body, nodes, sight.n_nodes)
 
 
-def _digests(whole: Discretization, comm: Intracomm) -> tuple[str, str]:
-    """Digests of the mesh and of the body, of which rank 0 makes them. Collective."""
-    return broadcast(comm, (whole.mesh.sha256(), whole.sha256()) if comm.rank == 0 else None)
-
-
 def _faces(scene: Scene, body: Discretization, mine: np.ndarray, turnable: bool) -> dict[str, np.ndarray]:
     """Faces at one place, where the deck keeps them as a crack, and the surface near some cells, bool (n_cells,)."""
     doubled = np.empty((0, 4, 3))
@@ -213,7 +199,5 @@ def _faces(scene: Scene, body: Discretization, mine: np.ndarray, turnable: bool)
 
 def _typical_edge(body: Discretization) -> float:
     """Median over the body of the edges of cells, taken as cubes; model units. Collective, if ranks see parts."""
-    everywhere, cells = body.mesh.everywhere, body.mesh.cells
-    cells = cells if everywhere.own is None else cells[everywhere.own]
-    edge = cube_edges(body.nodes, cells)
-    return float(np.median(edge)) if everywhere.own is None else median(everywhere.comm, edge)
+    everywhere = body.mesh.everywhere
+    return everywhere.median(cube_edges(body.nodes, everywhere.rows(body.mesh.cells)))

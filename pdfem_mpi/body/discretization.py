@@ -112,22 +112,21 @@ class Discretization:
     @property
     def point_row(self) -> np.ndarray:
         """Number of each cell among the cells with points, by which result files are ordered; else -1; int64."""
-        return _number(self.has_points)
+        return number_among(self.has_points)
 
     @property
-    def free_row(self) -> np.ndarray:
-        """The same among the cells with free points, by which checkpoints are ordered; int64, shape (n_cells,)."""
-        return _number(self.has_points & ~self.is_overlap)
+    def numbered(self) -> dict[str, np.ndarray]:
+        """Cells that are numbered by themselves, by the name of that number in a share; bool, shape (n_cells,).
 
-    @property
-    def element_row(self) -> np.ndarray:
-        """The same among the cells with nodes; int64, shape (n_cells,)."""
-        return _number(self.has_nodes)
+        Those with points and those with nodes order result files, those with free points checkpoints.
+        """
+        free = self.has_points & ~self.is_overlap
+        return {"point_row": self.has_points, "free_row": free, "element_row": self.has_nodes}
 
     @property
     def node_row(self) -> np.ndarray:
         """Number of each node among the nodes with unknowns; else -1; int64, shape (n_nodes,)."""
-        return _number(self.carries)
+        return number_among(self.carries)
 
     @property
     def youngs_modulus(self) -> np.ndarray:
@@ -250,5 +249,6 @@ def cell_edge(scene: Scene, mesh: HexMesh) -> float:
     return mesh.largest_edge
 
 
-def _number(chosen: np.ndarray) -> np.ndarray:
+def number_among(chosen: np.ndarray) -> np.ndarray:
+    """Number of each cell or node among the chosen ones, bool (n,), from 0; else -1; int64, shape (n,)."""
     return np.where(chosen, np.cumsum(chosen) - 1, -1)

@@ -10,7 +10,6 @@ whole. Mesh files, fits of bond factors and regions that are found see the whole
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -19,7 +18,7 @@ import numpy as np
 from pdfem_mpi.body.discretization import Discretization, cell_edge, discretize
 from pdfem_mpi.body.meshing import layers_of, removals_of
 from pdfem_mpi.body.partitioning import deal_out
-from pdfem_mpi.body.subdomain import cell_balls, centroids_of, node_owners
+from pdfem_mpi.body.subdomain import cell_balls, centroids_of
 from pdfem_mpi.deck.meshes import FileMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.dense import lengths
@@ -27,9 +26,8 @@ from pdfem_mpi.kernels.exact_sums import MOST_RANKS
 from pdfem_mpi.mesh.everywhere import Everywhere, SeenInPart
 from pdfem_mpi.mesh.part import MeshPart
 from pdfem_mpi.mesh.pieces import Pieces, make_pieces
-from pdfem_mpi.parallel.comm import broadcast, largest
+from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.parallel.directory import Directory
-from pdfem_mpi.parallel.slabs import gather_slabs
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -135,25 +133,3 @@ def _reach(body: Discretization) -> float:
     offset = lengths(centre - centroids_of(body)[cells])
     widest = largest(everywhere.comm, np.array([radius.max(initial=0.0), offset.max(initial=0.0)]))
     return body.cutoff + 2.0 * float(widest.sum())
-
-
-def digests(sight: Sight) -> tuple[str, str]:
-    """What `HexMesh.sha256` and `Discretization.sha256` are of the whole body, a slab of it at a time. Collective."""
-    body, mesh, comm = sight.body, sight.body.mesh, sight.body.mesh.everywhere.comm
-    own, of_mesh, of_body = mesh.everywhere.own, hashlib.sha256(), hashlib.sha256()
-    nodes = node_owners(mesh, np.ones(len(own), bool), sight.owner) == comm.rank
-    for number, ids, rows, n in (
-        (0, mesh.node_id[nodes], mesh.nodes[nodes], sight.n_nodes),
-        (1, mesh.cell_id[own], mesh.node_id[mesh.cells[own]].astype(np.int32), sight.n_cells),
-        (2, mesh.cell_id[own], body.region[own], sight.n_cells),
-    ):
-        shape = (n, *rows.shape[1:])
-        of_body.update(f"{rows.dtype.str}{shape}".encode())
-        if number < 2:
-            of_mesh.update(f"{shape} ".encode())
-        for _, slab in gather_slabs(comm, ids, rows, n):
-            if slab is not None:
-                of_body.update((body.units.places(slab) if number == 0 else slab).tobytes())
-                if number < 2:
-                    of_mesh.update(slab.tobytes())
-    return broadcast(comm, (of_mesh.hexdigest(), of_body.hexdigest()))

@@ -9,8 +9,6 @@ import numpy as np
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.materials import bond_materials
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.parallel.comm import largest
-from pdfem_mpi.parallel.dealing import median
 
 
 @dataclass(frozen=True)
@@ -49,14 +47,14 @@ def softening_cells(scene: Scene, body: Discretization, can_turn: np.ndarray | N
     chosen = softens[body.material] & may_fail[body.region] & (body.is_peridynamic if can_turn is None else can_turn)
     if not everywhere.count(chosen)[0]:
         return None
-    places = np.flatnonzero(chosen if everywhere.own is None else chosen & everywhere.own)
+    places = np.flatnonzero(everywhere.mine(chosen))
     cells = body.mesh.cells[places]
     edge = cube_edges(body.nodes, cells)
     edges = body.mesh.edges(places)
     aspect = edges.max(axis=0) / edges.min(axis=0)
     ends = np.array([edge.max(initial=0.0), -edge.min(initial=np.inf), aspect.max(initial=1.0)])
-    middle = float(np.median(edge)) if everywhere.own is None else median(everywhere.comm, edge)
-    most, least, longest = (ends if everywhere.own is None else largest(everywhere.comm, ends)).tolist()
+    middle = everywhere.median(edge)
+    most, least, longest = everywhere.largest(ends).tolist()
     return SofteningCells(middle, most / -least, longest)
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from pdfem_mpi.deck.directions import unit
 from pdfem_mpi.deck.removals import RemovedBox, RemovedCylinder, RemovedHalfSpace
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.mesh.hexmesh import FACES, LISTED, HexMesh, equal_rows, list_cells
+from pdfem_mpi.mesh.faces import connected
+from pdfem_mpi.mesh.hexmesh import FACES, LISTED, HexMesh, equal_rows, list_cells, with_own_nodes
 
 
 def carve(mesh: HexMesh, removals: Sequence[Any], symmetry: Sequence[str]) -> HexMesh:
@@ -41,10 +42,8 @@ def carve(mesh: HexMesh, removals: Sequence[Any], symmetry: Sequence[str]) -> He
     if gone.all():
         messages.append("mesh.remove takes all cells: nothing of the body is left. Remove less.")
         raise SceneError(messages)
-    number = np.full(len(mesh.nodes), -1)
-    used = np.unique(mesh.cells[~gone])
-    number[used] = np.arange(len(used))
-    left = HexMesh(mesh.nodes[used], number[mesh.cells[~gone]].astype(np.int32))
+    used, cells = with_own_nodes(mesh.cells[~gone], len(mesh.nodes))
+    left = HexMesh(mesh.nodes[used], cells)
     for face in symmetry:
         if not mesh.nodes_on_face(face)[used].any():
             messages.append(
@@ -100,14 +99,9 @@ def _in_polygon(corners: np.ndarray, x: np.ndarray, tolerance: float) -> np.ndar
 
 def _parts(mesh: HexMesh) -> list[str]:
     """A sentence about cells that do not hang together by faces."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     faces = equal_rows(np.sort(mesh.cells[:, FACES].reshape(-1, 4), axis=1))
     cell = np.repeat(np.arange(len(mesh.cells)), len(FACES))
-    size = len(mesh.cells) + int(faces.max()) + 1
-    graph = coo_array((np.ones(len(faces), np.int8), (cell, len(mesh.cells) + faces)), shape=(size, size))
-    n_parts, part = connected_components(graph, directed=False)
+    n_parts, part = connected(len(mesh.cells) + int(faces.max()) + 1, cell, len(mesh.cells) + faces)
     if n_parts == 1:
         return []
     part = part[: len(mesh.cells)]

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pdfem_mpi.parallel.comm import sum_integers
+from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.parallel.dealing import median
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -38,6 +39,14 @@ class Everywhere:
         """Which of some cells, int64 (n,), are answered for here; bool, shape (n,). Not collective."""
         return np.ones(len(cells), bool) if self.own is None else self.own[cells]
 
+    def mine(self, mask: np.ndarray) -> np.ndarray:
+        """Those of some cells that are answered for here; bool, shape (n_cells,). Not collective."""
+        return mask if self.own is None else mask & self.own
+
+    def rows(self, values: np.ndarray) -> np.ndarray:
+        """Values, shape (n_cells, ...), of the cells that are answered for here. Not collective."""
+        return values if self.own is None else values[self.own]
+
     def total(self, *numbers: int) -> list[int]:
         """Sums of numbers that each rank counted of its own cells."""
         if self.own is None:
@@ -46,7 +55,15 @@ class Everywhere:
 
     def count(self, *masks: np.ndarray) -> list[int]:
         """How many cells of the body are of each kind; bool, shape (n_cells,) each."""
-        return self.total(*(np.count_nonzero(mask if self.own is None else mask & self.own) for mask in masks))
+        return self.total(*(np.count_nonzero(self.mine(mask)) for mask in masks))
+
+    def largest(self, values: np.ndarray) -> np.ndarray:
+        """Element by element, the largest of the values, float64, that each rank found among its own cells."""
+        return values if self.own is None else largest(self.comm, values)
+
+    def median(self, values: np.ndarray) -> float:
+        """Median of the values, float64 (n,), of all ranks' own cells."""
+        return float(np.median(values)) if self.own is None else median(self.comm, values)
 
     def gathered(self, rows: list[Any]) -> list[Any]:
         """A few rows of each rank, on all of them."""

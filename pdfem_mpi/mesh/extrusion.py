@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pdfem_mpi.mesh.hexmesh import HexMesh
+from pdfem_mpi.mesh.hexmesh import HexMesh, with_own_nodes
 
 
 @dataclass(frozen=True)
@@ -103,17 +103,11 @@ class Plane:
     def near(self, lower, upper, layers: int) -> Part:
         """As `Grid.near`."""
         chosen = ((self.middles >= lower) & (self.middles < upper)).all(axis=1)
-        used = self._nodes_of(chosen)
+        used, quads = with_own_nodes(self.quads[chosen], len(self.nodes))
         for _ in range(layers):
             chosen = used[self.quads].any(axis=1)
-            used = self._nodes_of(chosen)
-        place = (np.cumsum(used) - 1).astype(np.int32)
-        return Part(self.nodes[used], place[self.quads[chosen]], np.flatnonzero(chosen), np.flatnonzero(used))
-
-    def _nodes_of(self, chosen: np.ndarray) -> np.ndarray:
-        used = np.zeros(len(self.nodes), bool)
-        used[self.quads[chosen]] = True
-        return used
+            used, quads = with_own_nodes(self.quads[chosen], len(self.nodes))
+        return Part(self.nodes[used], quads.astype(np.int32), np.flatnonzero(chosen), np.flatnonzero(used))
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ def refuse_pieces(mesh: HexMesh, faces: Faces) -> None:
     SceneError
         They form several pieces.
     """
-    n_pieces, piece = _connected(len(faces.cells), faces.one // 6, faces.two // 6)
+    n_pieces, piece = connected(len(faces.cells), faces.one // 6, faces.two // 6)
     if n_pieces == 1:
         return
     small = np.argsort(np.bincount(piece), kind="stable")[:-1]
@@ -112,7 +112,7 @@ def find_bodies(faces: Faces, kind: np.ndarray) -> np.ndarray:
     of_cell = kind[faces.cells]
     one, two = faces.one // 6, faces.two // 6
     same = of_cell[one] == of_cell[two]
-    _, label = _connected(len(of_cell), one[same], two[same])
+    _, label = connected(len(of_cell), one[same], two[same])
     chosen = of_cell >= 0
     values, first, label = np.unique(label[chosen], return_index=True, return_inverse=True)
     rank = np.empty(len(values), np.int32)
@@ -122,7 +122,11 @@ def find_bodies(faces: Faces, kind: np.ndarray) -> np.ndarray:
     return body
 
 
-def _connected(n: int, one: np.ndarray, two: np.ndarray) -> tuple[int, np.ndarray]:
+def connected(n: int, one: np.ndarray, two: np.ndarray) -> tuple[int, np.ndarray]:
+    """How many parts n things make that are joined in pairs, int (n_pairs,) each, and the part of each.
+
+    Parts are numbered in the order of their first things.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

@@ -213,6 +213,20 @@ def list_cells(mesh: HexMesh, cells: np.ndarray) -> str:
     return ", ".join(f"{number} at ({', '.join(f'{c:.6g}' for c in centroid)})" for number, centroid in first)
 
 
+def with_own_nodes(cells: np.ndarray, n_nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Which of all nodes some cells have, bool (n_nodes,), and the cells by their places among these, as ``cells``.
+
+    Parameters
+    ----------
+    cells : int, shape (n, k)
+        Places among all nodes.
+    """
+    used = np.zeros(n_nodes, bool)
+    used[cells] = True
+    place = (np.cumsum(used) - 1).astype(cells.dtype)
+    return used, place[cells]
+
+
 def equal_rows(rows: np.ndarray) -> np.ndarray:
     """Number the distinct rows of a table from 0; int64, shape (n,).
 

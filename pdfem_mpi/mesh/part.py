@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.mesh.everywhere import Everywhere
-from pdfem_mpi.mesh.hexmesh import HexMesh
+from pdfem_mpi.mesh.hexmesh import HexMesh, with_own_nodes
 
 
 @dataclass(frozen=True)
@@ -85,13 +85,5 @@ def take_part(mesh: HexMesh, cells: np.ndarray) -> MeshPart:
     measures = Measures(mesh.lower, mesh.upper, mesh.tolerance, mesh.smallest_edge, mesh.largest_edge)
     if cells.all():
         return MeshPart(mesh.nodes, mesh.cells, measures=measures, cell_id=mesh.cell_id, node_id=mesh.node_id)
-    used = np.zeros(len(mesh.nodes), bool)
-    used[mesh.cells[cells]] = True
-    place = (np.cumsum(used) - 1).astype(mesh.cells.dtype)
-    return MeshPart(
-        mesh.nodes[used],
-        place[mesh.cells[cells]],
-        measures=measures,
-        cell_id=mesh.cell_id[cells],
-        node_id=mesh.node_id[used],
-    )
+    used, own = with_own_nodes(mesh.cells[cells], len(mesh.nodes))
+    return MeshPart(mesh.nodes[used], own, measures=measures, cell_id=mesh.cell_id[cells], node_id=mesh.node_id[used])

@@ -15,7 +15,8 @@ import numpy as np
 from pdfem_mpi.mesh.carving import is_removed
 from pdfem_mpi.mesh.everywhere import Everywhere
 from pdfem_mpi.mesh.extrusion import Extrusion, Part
-from pdfem_mpi.mesh.hexmesh import FACES, POSITION_TOLERANCE, HexMesh, equal_rows
+from pdfem_mpi.mesh.faces import connected
+from pdfem_mpi.mesh.hexmesh import FACES, POSITION_TOLERANCE, HexMesh, equal_rows, with_own_nodes
 from pdfem_mpi.mesh.part import Measures, MeshPart
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.parallel.directory import Directory
@@ -36,6 +37,8 @@ class Pieces:
     removals : tables of `deck.removals`
     lower, upper : float64, shape (3,), dimension length
         The half-open block of this rank: cells with their middle in it.
+    own_ids : int64, shape (n_own,)
+        Numbers of what is left of these cells, rising.
     measures : Measures
         Of what is left.
     cells, nodes : Directory, or None
@@ -49,6 +52,7 @@ class Pieces:
     removals: Sequence[Any]
     lower: np.ndarray
     upper: np.ndarray
+    own_ids: np.ndarray
     measures: Measures
     cells: Directory | None
     nodes: Directory | None
@@ -57,15 +61,17 @@ class Pieces:
 
     def near(self, lower: np.ndarray, upper: np.ndarray, layers: int) -> MeshPart:
         """Cells with their middle in a half-open box, and some layers of cells around them. Collective."""
-        part = left_of(self.layers.near(lower, upper, layers), self.removals, self.layers)
+        part = self.layers.near(lower, upper, layers)
         if self.cells is None:
             return MeshPart(part.nodes, part.cells, measures=self.measures, cell_id=part.cell_id, node_id=part.node_id)
+        centroids = HexMesh(part.nodes, part.cells).centroids
+        part = without(part, is_removed(self.removals, centroids, _tolerance(*self.layers.box)))
         numbers = {"cell_id": self.cells.ask(part.cell_id), "node_id": self.nodes.ask(part.node_id)}
         return MeshPart(part.nodes, part.cells, measures=self.measures, **numbers)
 
     def own(self, mesh: MeshPart) -> np.ndarray:
-        """Cells of a part that are of this rank's block; bool, shape (n_cells,). Collective."""
-        return np.isin(mesh.cell_id, self.near(self.lower, self.upper, 0).cell_id)
+        """Cells of a part that are of this rank's block; bool, shape (n_cells,)."""
+        return np.isin(mesh.cell_id, self.own_ids)
 
 
 def make_pieces(comm: Intracomm, layers: Extrusion, removals: Sequence[Any], symmetry: Sequence[str]) -> Pieces:
@@ -83,16 +89,19 @@ def make_pieces(comm: Intracomm, layers: Extrusion, removals: Sequence[Any], sym
     """
     lower, upper = block_of(*layers.box, comm.rank, comm.size)
     block = layers.near(lower, upper)
-    left = left_of(block, removals, layers)
+    if not removals:
+        measures = _measures(comm, block)
+        return Pieces(comm, layers, removals, lower, upper, block.cell_id, measures, None, None, *layers.size)
+    centroids = HexMesh(block.nodes, block.cells).centroids
+    gone = [is_removed((removal,), centroids, _tolerance(*layers.box)) for removal in removals]
+    left = without(block, np.any(gone, axis=0))
     measures = _measures(comm, left)
-    size, cells, nodes = layers.size, None, None
-    if removals:
-        cells = Directory.of_places(comm, left.cell_id, size[0])
-        nodes = Directory.of_places(comm, left.node_id, size[1])
-        size = tuple(sum_integers(comm, np.array([len(cells.ids), len(nodes.ids)])).tolist())
-    pieces = Pieces(comm, layers, removals, lower, upper, measures, cells, nodes, *size)
-    if removals:
-        _check(pieces, block, left, symmetry)
+    cells, nodes = (
+        Directory.of_places(comm, ids, n) for ids, n in zip((left.cell_id, left.node_id), layers.size, strict=True)
+    )
+    own_ids, size = cells.ask(left.cell_id), (cells.count(), nodes.count())
+    pieces = Pieces(comm, layers, removals, lower, upper, own_ids, measures, cells, nodes, *size)
+    _check(pieces, gone, left, symmetry)
     return pieces
 
 
@@ -112,15 +121,10 @@ def block_of(lower: np.ndarray, upper: np.ndarray, rank: int, n_blocks: int) -> 
     return block[0], block[1]
 
 
-def left_of(part: Part, removals: Sequence[Any], layers: Extrusion) -> Part:
-    """What removals leave of some cells, and the nodes of these."""
-    if not removals:
-        return part
-    gone = is_removed(removals, HexMesh(part.nodes, part.cells).centroids, _tolerance(*layers.box))
-    used = np.zeros(len(part.nodes), bool)
-    used[part.cells[~gone]] = True
-    place = (np.cumsum(used) - 1).astype(np.int32)
-    return Part(part.nodes[used], place[part.cells[~gone]], part.cell_id[~gone], part.node_id[used])
+def without(part: Part, gone: np.ndarray) -> Part:
+    """What is left of some cells where others are gone, bool (n_cells,), and the nodes of these."""
+    used, cells = with_own_nodes(part.cells[~gone], len(part.nodes))
+    return Part(part.nodes[used], cells, part.cell_id[~gone], part.node_id[used])
 
 
 def _tolerance(lower: np.ndarray, upper: np.ndarray) -> float:
@@ -137,12 +141,17 @@ def _measures(comm: Intracomm, block: Part) -> Measures:
     return Measures(lower, upper, _tolerance(lower, upper), float(-ends[6]), float(ends[7]))
 
 
-def _check(pieces: Pieces, block: Part, left: Part, symmetry: Sequence[str]) -> None:
-    """Whether what is removed leaves a body: see `carving.carve`. Collective."""
-    everywhere = Everywhere(pieces.comm, np.ones(len(block.cells), bool))
-    centroids, tolerance = HexMesh(block.nodes, block.cells).centroids, _tolerance(*pieces.layers.box)
-    for removal in pieces.removals:
-        everywhere.lacks(is_removed((removal,), centroids, tolerance))
+def _check(pieces: Pieces, gone: list[np.ndarray], left: Part, symmetry: Sequence[str]) -> None:
+    """Whether what is removed leaves a body: see `carving.carve`. Collective.
+
+    Parameters
+    ----------
+    gone : list of bool, shape (n_cells,) each
+        Cells of the block that each table removes.
+    """
+    everywhere, tolerance = Everywhere(pieces.comm, np.ones(len(gone[0]), bool)), _tolerance(*pieces.layers.box)
+    for inside in gone:
+        everywhere.lacks(inside)
     everywhere.refused(pieces.n_cells == 0)
     for face in symmetry:
         axis = "xyz".index(face[0])
@@ -154,9 +163,6 @@ def _check(pieces: Pieces, block: Part, left: Part, symmetry: Sequence[str]) -> 
 
 def _count_pieces(pieces: Pieces) -> int:
     """How many parts that share no face there are: those of each block, joined where blocks meet. Collective."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     comm, mesh = pieces.comm, pieces.near(pieces.lower, pieces.upper, 1)
     own, n = pieces.own(mesh), len(mesh.cells)
     number = equal_rows(np.sort(mesh.cells[:, FACES].reshape(-1, 4), axis=1))
@@ -164,8 +170,7 @@ def _count_pieces(pieces: Pieces) -> int:
     same = number[order[1:]] == number[order[:-1]]
     one, two = order[:-1][same] // len(FACES), order[1:][same] // len(FACES)
     inside = own[one] & own[two]
-    joined = coo_array((np.ones(np.count_nonzero(inside), np.int8), (one[inside], two[inside])), shape=(n, n))
-    label = connected_components(joined, directed=False)[1]
+    _, label = connected(n, one[inside], two[inside])
     names, label_of_own = np.unique(label[own], return_inverse=True)
     first = comm.exscan(len(names)) or 0
     part = np.full(n, -1, np.int64)
@@ -175,5 +180,4 @@ def _count_pieces(pieces: Pieces) -> int:
     across = own[one] != own[two]
     pairs = np.unique(np.sort(np.column_stack([part[one[across]], part[two[across]]]), axis=1), axis=0)
     pairs = np.concatenate(comm.allgather(pairs))
-    graph = coo_array((np.ones(len(pairs), np.int8), tuple(pairs.T)), shape=(total, total))
-    return connected_components(graph, directed=False)[0]
+    return connected(total, *pairs.T)[0]

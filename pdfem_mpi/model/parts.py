@@ -123,7 +123,7 @@ def _numbered(model: Model, label: np.ndarray) -> Parts:
     if last == -first:
         return Parts(np.zeros(len(label), np.int64), 1)
     numbers = Directory.of_places(comm, label, int(last) + 1)
-    return Parts(numbers.ask(label), int(sum_integers(comm, np.array([len(numbers.ids)]))[0]))
+    return Parts(numbers.ask(label), numbers.count())
 
 
 def find_unsupported(model: Model, parts: Parts, fixed: np.ndarray) -> tuple[UnsupportedPart, ...]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pdfem_mpi.parallel.comm import mpi, report_progress
+from pdfem_mpi.parallel.comm import mpi, report_progress, sum_integers
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -106,6 +106,10 @@ class Directory:
         here = np.unique(Exchange(comm, holders(comm, ids, n)).there(ids))
         before = comm.exscan(len(here)) or 0
         return cls(comm, n, here, before + np.arange(len(here)))
+
+    def count(self) -> int:
+        """How many ids are known. Collective."""
+        return int(sum_integers(self.comm, np.array([len(self.ids)]))[0])
 
     def ask(self, ids: Array) -> Array:
         """Values of ids in any order, -1 of those that nobody knows; int64. Collective."""

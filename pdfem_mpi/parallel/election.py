@@ -11,9 +11,6 @@ from pdfem_mpi.parallel.directory import Exchange
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
-#: A claim of who only asks.
-NO_CLAIM = -1
-
 
 def elect(comm: Intracomm, ids: np.ndarray, claims: np.ndarray) -> np.ndarray:
     """Owner of each thing: the rank with the largest claim on it, of equal ones the lowest rank. Collective.
@@ -23,17 +20,13 @@ def elect(comm: Intracomm, ids: np.ndarray, claims: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     ids : int64, shape (n,)
-        What this rank claims or asks for, each once.
+        What this rank claims, each once.
     claims : int64, shape (n,)
-        From 0 on, or ``NO_CLAIM``.
 
     Returns
     -------
     int64, shape (n,)
-        -1 where no rank claims.
     """
-    if comm.size == 1:
-        return np.where(claims < 0, -1, 0)
     exchange = Exchange(comm, ids % comm.size)
     heard = exchange.there(np.stack([ids, claims], axis=1))
     return exchange.back(_largest_claims(heard, exchange.source))
@@ -47,8 +40,6 @@ def told(comm: Intracomm, ids: np.ndarray, owner: np.ndarray) -> np.ndarray:
     ids, owner : int64, shape (n,)
         What this rank knows, and whose it is.
     """
-    if comm.size == 1:
-        return np.unique(ids)
     return np.unique(Exchange(comm, owner).there(ids))
 
 
@@ -58,7 +49,6 @@ def _largest_claims(heard: np.ndarray, rank: np.ndarray) -> np.ndarray:
     first = np.ones(len(order), bool)
     first[1:] = np.diff(heard[order, 0]) != 0
     best = order[first]
-    elected = np.where(heard[best, 1] < 0, -1, rank[best])
     answers = np.empty(len(order), np.int64)
-    answers[order] = elected[np.cumsum(first) - 1]
+    answers[order] = rank[best][np.cumsum(first) - 1]
     return answers

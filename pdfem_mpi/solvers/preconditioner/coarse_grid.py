@@ -29,7 +29,7 @@ from pdfem_mpi.solvers.preconditioner.grid_cells import (
 from pdfem_mpi.solvers.preconditioner.grid_stiffness import make_last, make_level
 from pdfem_mpi.solvers.preconditioner.levels import LastLevel, Level, Transfer, cycle, make_transfer
 from pdfem_mpi.solvers.preconditioner.nested_grids import coarser_nodes, grid_counts, halved, number_in
-from pdfem_mpi.solvers.preconditioner.spread import Spread, deal_out
+from pdfem_mpi.solvers.preconditioner.spread import Spread, spread_by_claims
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,8 @@ def make_grid(
     weights = np.ones((len(where), 8))
     for d in range(3):
         weights *= np.where(CORNERS[:, d], xi[:, d, None], 1.0 - xi[:, d, None])
-    first = make_transfer(comm, cell_nodes(counts, 1, where), weights, (*levels, last)[0].nodes)
+    n_nodes = int(np.prod(counts + 1))
+    first = make_transfer(comm, cell_nodes(counts, 1, where), weights, (*levels, last)[0].nodes, n_nodes)
     return Grid((first, *between), levels, last)
 
 
@@ -128,7 +129,7 @@ def _make_levels(comm, cells: GridCells, n_halvings: int, ratios: np.ndarray, sp
     last = make_last(comm, cells, ratios, spring)
     coarser = [*levels, last][1:]
     between = [
-        make_transfer(comm, *coarser_nodes(level.nodes, counts), below.nodes)
+        make_transfer(comm, *coarser_nodes(level.nodes, counts), below.nodes, int(np.prod(halved(counts) + 1)))
         for level, counts, below in zip(levels, all_counts, coarser, strict=True)
     ]
     return tuple(levels), last, tuple(between)
@@ -138,7 +139,7 @@ def _deal_out_cells(comm, of_points: np.ndarray, of_nodes: np.ndarray, first_ran
     """Owners of the grid cells around Gauss points and nodes: who has most points in each, or rank 0. Collective."""
     known = np.unique(np.concatenate([of_points, of_nodes]))
     n_points = np.bincount(np.searchsorted(known, of_points), minlength=len(known))
-    return deal_out(comm, known, n_points, comm.size if first_rank else 1)
+    return spread_by_claims(comm, known, n_points, comm.size if first_rank else 1)
 
 
 def _points_beside(share: Share, own: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from pdfem_mpi.kernels.hex8 import gauss_volumes
 from pdfem_mpi.mesh.background_grid import add_moments
 from pdfem_mpi.parallel.halo import Halo
 from pdfem_mpi.solvers.preconditioner.nested_grids import halved, number_in, ratio_of
-from pdfem_mpi.solvers.preconditioner.spread import deal_out
+from pdfem_mpi.solvers.preconditioner.spread import spread_by_claims
 
 #: Moments are rounded to this fraction of a cell of unit volume, and of the stiffest material in the grid cell.
 MOMENT_QUANTUM = 2.0**-40
@@ -120,7 +120,7 @@ def coarser_cells(comm, cells: GridCells, level: int, last: bool) -> GridCells:
     active = cells.active
     index = np.stack(np.unravel_index(cells.ids[active], cells.counts), axis=1)
     parents, where, children = np.unique(number_in(counts, index // ratio), return_inverse=True, return_counts=True)
-    spread = deal_out(comm, parents, children, comm.size if last else TOGETHER**level)
+    spread = spread_by_claims(comm, parents, children, comm.size if last else TOGETHER**level)
     where = spread.places(parents)[where]
     stiffest = _largest_in(spread.halo, where, cells.stiffest[active])
     volume = 8.0**level  # of a cell, over that of the finest grid

@@ -20,7 +20,7 @@ from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.solvers.preconditioner.grid_cells import GridCells
 from pdfem_mpi.solvers.preconditioner.levels import DAMPING, LastLevel, Level, factorise
 from pdfem_mpi.solvers.preconditioner.nested_grids import number_in
-from pdfem_mpi.solvers.preconditioner.spread import deal_out, with_copies
+from pdfem_mpi.solvers.preconditioner.spread import spread_by_claims, with_copies
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -66,19 +66,19 @@ def make_level(comm, cells: GridCells, ratios: np.ndarray, spring: float) -> Lev
     """The rows of a grid's nodes, dealt out by who owns most of the cells around each. Collective."""
     counts = cells.counts
     claimed, n_claims = np.unique(cell_nodes(counts, 1, cells.ids[cells.active]), return_counts=True)
-    nodes = deal_out(comm, claimed, n_claims).owned
+    nodes = spread_by_claims(comm, claimed, n_claims).owned
     around = _cells_around(comm, cells, nodes)
     table, stiffest = _rows(around, nodes, ratios, spring)
     diagonal = table[:, DIAGONAL, range(3), range(3)]
     there = np.where(stiffest > 0.0, stiffest, 1.0)[:, None]
     mean = exact_dots(comm, [(diagonal / there, np.ones_like(diagonal))])[0]
     mean /= max(3 * int(sum_integers(comm, np.array([len(nodes)]))[0]), 1)
-    diagonal = diagonal + PIN * np.maximum(diagonal, there * mean)
+    diagonal = diagonal + _pins(diagonal, there, mean)
     table[:, DIAGONAL, range(3), range(3)] = diagonal
     row, slot = np.nonzero((table != 0.0).any(axis=(2, 3)))
     index = np.stack(np.unravel_index(nodes, counts + 1), axis=1)
     column = number_in(counts + 1, index[row] + _OFFSETS[slot])
-    spread = with_copies(comm, nodes, column)
+    spread = with_copies(comm, nodes, column, int(np.prod(counts + 1)))
     blocks = np.zeros((len(row), 3, BLOCK // 3), np.float32)
     blocks[:, :, :3] = table[row, slot].swapaxes(1, 2)
     return Level(
@@ -97,7 +97,7 @@ def _cells_around(comm, cells: GridCells, nodes: np.ndarray) -> GridCells:
     lowest = np.stack(np.unravel_index(nodes, counts + 1), axis=1) - 1
     index = np.concatenate([lowest + corner for corner in CORNERS])
     inside = ((index >= 0) & (index < counts)).all(axis=1)
-    spread = with_copies(comm, owned, number_in(counts, index[inside]))
+    spread = with_copies(comm, owned, number_in(counts, index[inside]), int(np.prod(counts)))
     moments = np.empty((len(spread.ids), *cells.moments.shape[1:]))
     stiffest = np.empty(len(spread.ids))
     for known, own in ((moments, cells.moments), (stiffest, cells.stiffest)):
@@ -138,38 +138,39 @@ def make_last(comm, cells: GridCells, ratios: np.ndarray, spring: float) -> Last
     nowhere = np.empty(0, np.int64)
     if comm.rank > 0:
         return LastLevel(nowhere, None, np.empty((0, 0)))
-    counts, n = cells.counts, int(np.prod(cells.counts))
-    moments, stiffest = np.zeros((n, *cells.moments.shape[1:])), np.zeros(n)
-    moments[cells.ids], stiffest[cells.ids] = cells.moments, cells.stiffest
-    number, matrix = whole_stiffness(moments, stiffest, cells.h, counts, ratios, spring)
-    return LastLevel(np.flatnonzero(number >= 0), factorise(matrix, number, counts), np.empty((0, 0)))
+    number, matrix = whole_stiffness(cells, ratios, spring)
+    return LastLevel(np.flatnonzero(number >= 0), factorise(matrix, number, cells.counts), np.empty((0, 0)))
 
 
-def whole_stiffness(moments, stiffest, h, counts, ratios, spring: float) -> tuple[np.ndarray, sparse.csc_array]:
+def whole_stiffness(cells: GridCells, ratios: np.ndarray, spring: float) -> tuple[np.ndarray, sparse.csc_array]:
     """Numbers of the grid nodes that touch the body (-1 elsewhere), and the stiffness of their unknowns.
 
     Parameters
     ----------
-    moments : float64, shape (n_cells, n_ratios + 3, 27)
-        Of all grid cells, as in `cell_stiffness`.
-    stiffest : float64, shape (n_cells,)
-        Largest Young's modulus in each grid cell; a node is pinned in proportion to that around it.
+    cells : GridCells
+        All of the grid, rising. A node is pinned in proportion to the stiffest material around it.
     """
     from scipy import sparse
 
-    active = (moments[:, : len(ratios), 0] > 0.0).any(axis=1)
-    cells = cell_nodes(counts)[active]
-    number = np.full(int(np.prod(counts + 1)), -1)
-    used = np.unique(cells)
+    active = cells.active
+    corners = cell_nodes(cells.counts, 1, cells.ids[active])
+    number = np.full(int(np.prod(cells.counts + 1)), -1)
+    used = np.unique(corners)
     number[used] = np.arange(len(used))
-    stiffness = cell_stiffness(moments[active], h, ratios, spring)
+    corners = number[corners]
+    stiffness = cell_stiffness(cells.moments[active], cells.h, ratios, spring)
 
-    dofs = (3 * number[cells][:, :, None] + np.arange(3)).reshape(-1, 24).astype(np.int32)  # a quarter of the peak less
+    dofs = (3 * corners[:, :, None] + np.arange(3)).reshape(-1, 24).astype(np.int32)  # a quarter of the peak less
     rows = np.repeat(dofs, 24, axis=1).reshape(-1)
     columns = np.tile(dofs, (1, 24)).reshape(-1)
     matrix = sparse.coo_array((stiffness.reshape(-1), (rows, columns)), shape=(3 * len(used),) * 2).tocsc()
     diagonal, around = matrix.diagonal(), np.zeros(len(used))
-    np.maximum.at(around, number[cells], stiffest[active][:, None])
+    np.maximum.at(around, corners, cells.stiffest[active][:, None])
     around = np.repeat(around, 3)
-    pins = PIN * np.maximum(diagonal, around * (diagonal / around).mean())
+    pins = _pins(diagonal, around, (diagonal / around).mean())
     return number, 0.5 * (matrix + matrix.T) + sparse.diags_array(pins)
+
+
+def _pins(diagonal: np.ndarray, stiffest: np.ndarray, mean: float) -> np.ndarray:
+    """What holds each unknown: a part of its diagonal, or of the mean diagonal of material as stiff as around it."""
+    return PIN * np.maximum(diagonal, stiffest * mean)

@@ -51,7 +51,7 @@ class Transfer:
         interpolate(self.corners, self.weights, known, z)
 
 
-def make_transfer(comm, corners: np.ndarray, weights: np.ndarray, owned: np.ndarray) -> Transfer:
+def make_transfer(comm, corners: np.ndarray, weights: np.ndarray, owned: np.ndarray, n: int) -> Transfer:
     """The way from nodes with these grid nodes around them, by their numbers, to a grid with these owners. Collective.
 
     Parameters
@@ -59,8 +59,10 @@ def make_transfer(comm, corners: np.ndarray, weights: np.ndarray, owned: np.ndar
     corners, weights : int64 and float64, shape (n_nodes, 8)
     owned : int64, shape (n_owned,)
         Numbers of the grid nodes of this rank, rising.
+    n : int
+        Nodes of the whole grid.
     """
-    spread = with_copies(comm, owned, corners)
+    spread = with_copies(comm, owned, corners, n)
     return Transfer(np.ascontiguousarray(spread.places(corners).astype(np.int32)), weights, spread.halo)
 
 

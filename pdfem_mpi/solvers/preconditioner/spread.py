@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdfem_mpi.parallel.election import NO_CLAIM, elect, told
+from pdfem_mpi.parallel.directory import Directory
+from pdfem_mpi.parallel.election import elect, told
 from pdfem_mpi.parallel.halo import Halo, build_halo
 
 
@@ -35,13 +36,13 @@ class Spread:
         return order[np.searchsorted(self.ids, ids, sorter=order)]
 
 
-def deal_out(comm, ids: np.ndarray, claims: np.ndarray, together: int = 1) -> Spread:
+def spread_by_claims(comm, ids: np.ndarray, claims: np.ndarray, together: int = 1) -> Spread:
     """Find owners for what ranks know, each by its largest claim. Collective.
 
     Parameters
     ----------
     ids, claims : int64, shape (n,)
-        As for `elect`; all are claimed by some rank.
+        As for `elect`.
     together : int
         Of so many ranks, which follow one another, the first one owns for all. Those lie side by side in the body.
     """
@@ -50,7 +51,7 @@ def deal_out(comm, ids: np.ndarray, claims: np.ndarray, together: int = 1) -> Sp
     return _spread(comm, told(comm, ids, owner), ids[others], owner[others])
 
 
-def with_copies(comm, owned: np.ndarray, seen: np.ndarray) -> Spread:
+def with_copies(comm, owned: np.ndarray, seen: np.ndarray, n: int) -> Spread:
     """Copies of what this rank sees of others', beside its own; what nobody owns is left out. Collective.
 
     Parameters
@@ -58,10 +59,11 @@ def with_copies(comm, owned: np.ndarray, seen: np.ndarray) -> Spread:
     owned : int64, shape (n_owned,)
         Rising.
     seen : int64, any shape
+    n : int
+        Of the whole grid.
     """
     others = np.setdiff1d(seen, owned)
-    claims = np.repeat([0, NO_CLAIM], [len(owned), len(others)])
-    owner = elect(comm, np.concatenate([owned, others]), claims)[len(owned) :]
+    owner = Directory.of(comm, owned, np.full(len(owned), comm.rank), n).ask(others)
     there = owner >= 0
     return _spread(comm, owned, others[there], owner[there])
 

@@ -44,7 +44,7 @@ def cells_on(counts, h, held=0.0):
 
 
 def stiffness_of(cells, spring=0.0):
-    return whole_stiffness(cells.moments, cells.stiffest, cells.h, cells.counts, np.array([0.25]), spring)
+    return whole_stiffness(cells, np.array([0.25]), spring)
 
 
 def matrix_of(level):
