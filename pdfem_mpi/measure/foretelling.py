@@ -18,13 +18,8 @@ from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import first_stretches
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.finite_elements.nodes import local_nodes
-from pdfem_mpi.kernels.foretold import (
-    ROWS,
-    follow_nodes,
-    raise_ratios,
-    strains_by_nodes,
-    strains_by_points,
-)  # fmt: skip
+from pdfem_mpi.kernels.cell_strains import ROWS, strains_by_nodes, strains_by_points
+from pdfem_mpi.kernels.foretold import follow_nodes, raise_ratios
 from pdfem_mpi.kernels.hex8 import REFERENCE_NODES
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.measure.seams import Seams

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.kernels.foretold import gaps_between
+from pdfem_mpi.kernels.cell_strains import gaps_between
 from pdfem_mpi.parallel.comm import sum_integers
 
 #: Bonds from one cell to the next are at least as long as this part of a cell's height.
@@ -56,7 +56,7 @@ class Seams:
         Parameters
         ----------
         S : float64, shape (n_cells * 48,), dimension length
-            Displacements and positions of points, as of `follow_nodes`.
+            Displacements and positions of points, as of `strains_by_nodes`.
         inverse : float64, shape (n_owned, 3, 3), dimension length^-1
         torn : bool, shape (n_owned + n_ghosts,)
         opening : float64, shape (n_cells,), dimension 1

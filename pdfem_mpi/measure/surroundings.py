@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.kernels.foretold import mark_around, near_larger, raise_bins
+from pdfem_mpi.kernels.near_cells import mark_around, near_larger, raise_bins
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.points import Points

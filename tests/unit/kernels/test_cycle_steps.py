@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pdfem_mpi.kernels import cycle_steps, node_table
+from pdfem_mpi.kernels import cycle_steps
 
 QUANTUM = 2.0**-40
 N, OMEGA, SCALE = 7, 0.7, 2.0**5
@@ -19,15 +19,6 @@ def products(blocks, r):
     return np.stack(
         [b[0] * x + b[3] * y + b[5] * z, b[3] * x + b[1] * y + b[4] * z, b[5] * x + b[4] * y + b[2] * z], axis=1
     )
-
-
-def test_what_nodes_add_is_rounded():
-    places, r = np.array([5, 0, 3, 5], np.int32), numbers(4, 3)
-    sums = np.arange(3 * N).reshape(N, 3)
-    expected = sums.copy()
-    np.add.at(expected, places, np.rint(r / QUANTUM).astype(np.int64))
-    node_table.add_rounded_rows(places, r, QUANTUM, sums)
-    assert (sums == expected).all()
 
 
 def test_the_first_smoothing_starts_from_the_sums():
@@ -55,10 +46,3 @@ def test_nodes_of_the_scene_take_their_corrections_and_blocks():
     r, z = 3.0 * numbers(3, 3), np.empty((3, 3))
     cycle_steps.correct_nodes(places, correction, blocks, OMEGA, r, z)
     assert (z == correction[places] + OMEGA * products(blocks, r)).all()
-
-
-def test_forces_of_nodes_are_read():
-    integers = np.rint(numbers(N + 1, 3) / QUANTUM).astype(np.int64)
-    external, force = 3.0 * numbers(N, 3), np.empty((N, 3))
-    node_table.read_nodes(integers, QUANTUM, external, force)
-    assert (force == external + integers[:N] * QUANTUM).all()

@@ -1,9 +1,9 @@
-"""Bounds of strains against numpy, and what lies within the reach against all pairs."""
+"""Bounds of strains, and what opens between cells, against numpy."""
 
 import numpy as np
 import pytest
 
-from pdfem_mpi.kernels.foretold import ROWS, gaps_between, near_larger, raise_bins, strains_by_nodes, strains_by_points
+from pdfem_mpi.kernels.cell_strains import ROWS, gaps_between, strains_by_nodes, strains_by_points
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, REFERENCE_NODES, shape_functions, shape_gradients
 from pdfem_mpi.kernels.simd import W
 
@@ -97,24 +97,3 @@ def test_gaps_are_what_cells_carry_a_node_apart():
     held[9, 1] = True  # a node of the second cell alone
     gaps_between(table(corners, 0.0 * u + np.arange(3)), np.arange(2), nodes, held, *rows)
     np.testing.assert_allclose(apart, [0.0, 2.0], atol=ROUND_OFF)
-
-
-def test_cells_near_larger_ones_are_found():
-    """In bins as wide as the reach, against all pairs."""
-    random = np.random.default_rng(7)
-    centre, reach = random.uniform(0.0, 4.0, size=(300, 3)), 0.7
-    place = (1 + centre // reach).astype(np.int32)
-    shape = tuple(place.max(axis=0) + 2)
-    number = np.ravel_multi_index(tuple(place.T.astype(np.int64)), shape)
-    members = np.argsort(number, kind="stable")
-    ends = np.searchsorted(number[members], np.arange(np.prod(shape) + 1))
-    bins = np.stack([ends[:-1], ends[1:]], axis=1).reshape(*shape, 2)
-    value, more = random.uniform(size=300), 0.1 * random.uniform(size=300)
-    limit, around, more_around = random.uniform(1.0, 1.1, size=100), np.empty(shape), np.empty(shape)
-    chosen = np.empty(100, bool)
-    raise_bins(bins, members, value, around)
-    raise_bins(bins, members, more, more_around)
-    near_larger(bins, members, place, centre, reach**2, value, more, around, more_around, limit, chosen)
-    near = ((centre[:100, None] - centre) ** 2).sum(axis=2) <= reach**2
-    np.testing.assert_array_equal(chosen, (near * value).max(axis=1) + (near * more).max(axis=1) > limit)
-    assert 0 < np.count_nonzero(chosen) < 100
