@@ -126,15 +126,19 @@ def run(stage: Stage) -> Result:
     result = Result()
     deadline = time.monotonic() + stage.seconds
     log = REPORTS / f"{stage.name}.log"
+    blamed = slice(None)
     with log.open("wb") as output:
         for command in stage.commands:
+            begin = output.seek(0, os.SEEK_END)
             code = run_group(command, deadline, output, stage.environment)
-            if code is None:
-                result.reason = f"not done after {stage.seconds:.0f} s"
-                break
             if code != 0 and not result.reason:
-                result.reason = f"exit code {code}"
-    result.output = "\n".join(log.read_text(errors="replace").splitlines()[-TAIL_LINES:])
+                result.reason = f"not done after {stage.seconds:.0f} s" if code is None else f"exit code {code}"
+                blamed = slice(begin, output.seek(0, os.SEEK_END))
+            if code is None:
+                break
+    # of the command that failed: a later one may have said much since
+    printed = log.read_bytes()[blamed].decode(errors="replace")
+    result.output = "\n".join(printed.splitlines()[-TAIL_LINES:])
     count(stage, result)
     return result
 

@@ -1,4 +1,4 @@
-"""Cells within a reach of each other, by bins as wide as that: where numbers around a cell are large, and what is around."""
+"""Cells within a reach of each other, by bins as wide as that: where numbers are large, and what is around."""
 
 from numba import njit, types
 

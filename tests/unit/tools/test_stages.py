@@ -92,3 +92,11 @@ def test_all_tests_are_one_command():
         assert "not study" in selection and "not slow" not in selection, selection
     for name, ranks in (("mpi-2", 2), ("mpi-4", 4), ("mpi-8", 8), ("mpi-32", 32)):
         assert len(chosen[name].reports) == ranks
+
+
+def test_what_the_failed_command_printed_is_shown(tmp_path, monkeypatch):
+    """Not what another one printed after it."""
+    monkeypatch.setattr(stages, "REPORTS", tmp_path)
+    commands = [[sys.executable, "-c", f"print({n}); raise SystemExit({n == 1:d})"] for n in range(3)]
+    result = stages.run(stages.Stage("several", commands, 60.0))
+    assert (result.output, result.reason) == ("1", "exit code 1")
