@@ -126,6 +126,12 @@ def choose_start(out: Path, resume: str, overwrite: bool) -> RestartPoint:
             f"the folder {out} already holds a run. Use --overwrite, or another folder with --out."
             + (" `pdfem resume` goes on with a longer program." if status == "finished" and found else ""),
         )
+    if not found and status == "finished":
+        raise Refused(
+            EXIT_NO_CHECKPOINT,
+            f"the run in {out} is finished, and no checkpoint is left to go on from. Run its deck again in another folder "
+            "(--out), or here with --overwrite.",
+        )
     if not found:
         begun = (out / "deck.toml").exists()
         return RestartPoint(notes=[*notes, "there is no checkpoint yet: starting at the beginning"] if begun else [])

@@ -496,6 +496,17 @@ def test_a_finished_run_is_not_overwritten_and_can_be_made_longer(tmp_path, stra
     assert not differing(outcome(out), straight)
 
 
+def test_a_finished_run_without_checkpoints_is_not_begun_anew_unasked(tmp_path):
+    out, reporter = tmp_path / "run", Listener()
+    assert alone(often(), out) == FINISHED
+    for path in files(out):
+        path.unlink()
+    before = summary(out)
+    assert alone(often(), out, reporter=reporter, resume="continue") == NO_CHECKPOINT
+    assert reporter.said("is finished, and no checkpoint is left to go on from")
+    assert summary(out) == before
+
+
 def test_a_run_killed_after_its_last_step_only_writes_its_summary(tmp_path, straight):
     out = tmp_path / "run"
     with patch("pdfem_mpi.runs.finishing.write_summary", side_effect=RuntimeError), pytest.raises(RuntimeError):
