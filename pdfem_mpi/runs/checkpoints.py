@@ -72,8 +72,7 @@ class OfOneBody:
     def let_go(self, comes_back: bool) -> None:
         """Hold nothing of a body that is about to be made anew; a good state of it stays, if it comes back."""
         self.forces = self.model = self.failure = None
-        if not comes_back:
-            self.good = None
+        self.good = self.good if comes_back else None
 
     def take(self, simulation: Any, came_back: bool) -> None:
         """Write checkpoints of the body as a simulation has it now."""
