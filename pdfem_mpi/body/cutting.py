@@ -65,10 +65,11 @@ def share_of(
             return _cut(scene, comm, sight.body, sight.owner, sight=sight)
         if before_whole:
             before_whole()
-    whole = (before and before.found.elements) or discretize(scene, mesh, comm)
+    known = before.found if before and before.found.elements else None
+    whole = known.elements if known else discretize(scene, mesh, comm)
     if not scene.is_adaptive:
         return make_share(scene, whole, comm)
-    region = turn(scene, whole, turning, comm.size == 1)
+    region = turn(scene, whole, turning, comm.size == 1, known)
     return make_share(scene, region.whole, comm, region)
 
 

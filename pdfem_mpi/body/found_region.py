@@ -107,7 +107,13 @@ class WholeRegion:
     rows: FoundRegion
 
 
-def turn(scene: Scene, elements: Discretization, turning: Turning | None, alone: bool = False) -> WholeRegion:
+def turn(
+    scene: Scene,
+    elements: Discretization,
+    turning: Turning | None,
+    alone: bool = False,
+    before: FoundRegion | None = None,
+) -> WholeRegion:
     """Turn cells of a body that has elements everywhere.
 
     Parameters
@@ -116,6 +122,8 @@ def turn(scene: Scene, elements: Discretization, turning: Turning | None, alone:
         None: no cell.
     alone : bool
         There is one rank, which keeps the body as it is now.
+    before : FoundRegion, optional
+        Of the same body with other turned cells, with rows of all cells: what does not hang on these is taken from it.
 
     Raises
     ------
@@ -123,7 +131,7 @@ def turn(scene: Scene, elements: Discretization, turning: Turning | None, alone:
         No cell can be turned, or bonds leave no element outside.
     """
     mesh, settings = elements.mesh, scene.adaptive
-    can_turn = _can_turn(scene, elements)
+    can_turn = before.can_turn if before else _can_turn(scene, elements)
     if not can_turn.any():
         raise SceneError([
             'regions with model = "auto" have no cell that could be turned into bonds: all are held or loaded, or '
@@ -147,7 +155,7 @@ def turn(scene: Scene, elements: Discretization, turning: Turning | None, alone:
         is_held=bonds & ~is_turned,
         can_turn=can_turn,
         too_near=_within(mesh.centroids, can_turn & ~is_turned, reach),
-        at_the_end=_within(mesh.centroids, ~can_turn, reach),
+        at_the_end=before.at_the_end if before else _within(mesh.centroids, ~can_turn, reach),
         around=_NO_SUBDOMAIN,
         left=int(np.count_nonzero(can_turn & ~is_turned)),
         elements=elements if alone else None,
@@ -190,9 +198,10 @@ def _within(centroids: np.ndarray, chosen: np.ndarray, radius: float) -> np.ndar
 
     if not chosen.any() or chosen.all():
         return chosen.copy()
-    bound = radius * (1.0 + DISTANCE_TOLERANCE)
-    distance, _ = cKDTree(centroids[chosen]).query(centroids, distance_upper_bound=bound)
-    return np.isfinite(distance)
+    bound, found, others = radius * (1.0 + DISTANCE_TOLERANCE), chosen.copy(), np.flatnonzero(~chosen)
+    distance, _ = cKDTree(centroids[chosen]).query(centroids[others], distance_upper_bound=bound)
+    found[others] = np.isfinite(distance)
+    return found
 
 
 def _can_turn(scene: Scene, elements: Discretization) -> np.ndarray:

@@ -57,7 +57,7 @@ class Foretelling:
 
     def __init__(self, scene: Scene, share: Share, model: Model):
         around = share.found.around
-        points = with_gaps(share, make_points(replace(share, subdomain=around), share.comm))
+        points = with_gaps(share, make_points(replace(share, subdomain=around), share.comm, weighted=False))
         self.share, self.model = share, model
         self.cells = np.concatenate([around.free, around.overlap])
         self._real = np.concatenate([self.cells, around.ghosts])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +43,12 @@ class Bounds:
     def part(self, name: str) -> Bounds:
         """The bounds of other forces; new ones if they were not asked for before."""
         return self.parts.setdefault(name, Bounds())
+
+    def fill(self, saved: dict[str, Any]) -> None:
+        """Set the bounds in place, to what ``dataclasses.asdict`` made of them: forces and solvers have them too."""
+        self.bond, self.element = saved["bond"], saved["element"]
+        for name, part in saved["parts"].items():
+            self.part(name).fill(part)
 
     def expect(self, change: np.ndarray, from_rest: bool) -> None:
         """Make room for displacements that change by what meets at most ``change``, in the order of `Forces.met`."""

@@ -98,14 +98,14 @@ def sums_table(points: Points) -> tuple[np.ndarray, np.ndarray]:
     return T, T.view(np.int64).reshape(-1)
 
 
-def make_points(share: Share, comm) -> Points:
-    """The points that a rank sees. Collective."""
+def make_points(share: Share, comm, weighted: bool = True) -> Points:
+    """The points that a rank sees; where nothing is integrated, their weights may be left 0. Collective."""
     subdomain = share.subdomain
     owned = np.concatenate([subdomain.free, subdomain.overlap])
     cells = np.concatenate([owned, subdomain.ghosts])
     corners = share.nodes[share.mesh.cells[cells]]
     number = share.mesh.cell_id
-    x, volume = gauss_positions(corners), gauss_volumes(corners)
+    x, volume = gauss_positions(corners), gauss_volumes(corners) if weighted else np.zeros((len(cells), 8))
     halo = build_halo(comm, number[owned], number[subdomain.ghosts], subdomain.ghost_owner)
     images = None
     if share.mirrors:

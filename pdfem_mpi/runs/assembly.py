@@ -43,7 +43,9 @@ class Assembly(Readings):
     words : (callable, stop requests)
         Who hears remarks of the solver, and who says when to stop.
     observers : list
-        Of switches: their ``let_go()`` is called before one, and ``take(simulation)`` after it.
+        Of switches: their ``let_go(comes_back)`` is called before one, and ``take(simulation, came_back)`` after it.
+    most_needed : float
+        Bytes that this rank was estimated to need on the way, beside those of the body as it is.
     kept_cycle : Cycle or None
         The preconditioner's, of the intact body, which a switch does not change.
     """
@@ -53,6 +55,7 @@ class Assembly(Readings):
     words: tuple[Note, Any]
     observers: list[Any]
     kept_cycle: Cycle | None = None
+    most_needed: float = 0.0
 
     def build(self, share: Share) -> None:
         """Make the equations of a share of the body. Collective."""
@@ -72,10 +75,16 @@ class Assembly(Readings):
         self.solver: EquilibriumSolver | None = None
         self._evaluated = False
 
-    def let_go(self) -> None:
-        """Let go of all that hangs on where bonds are, before it is made anew."""
+    def let_go(self, comes_back: bool = False) -> None:
+        """Let go of all that hangs on where bonds are, before it is made anew.
+
+        Parameters
+        ----------
+        comes_back : bool
+            With bonds where they are now: what was read off the body holds.
+        """
         for observer in self.observers:
-            observer.let_go()
+            observer.let_go(comes_back)
         forces = self.forces
         self.kept_cycle = self.solver.preconditioner.cycle if self.solver else None
         self.known = {"evaluations": forces.evaluations, "swept": forces.swept, "seconds": forces.seconds}

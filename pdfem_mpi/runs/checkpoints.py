@@ -69,11 +69,12 @@ class OfOneBody:
         self.forces, self.model, self.failure = forces, forces.model, failure
         self.layout, self.turned = make_layout(share, columns_of_broken(forces.model)), turned_cells(share)
 
-    def let_go(self) -> None:
-        """Hold nothing of a body that is about to be made anew."""
-        self.forces = self.model = self.failure = self.good = None
+    def let_go(self, comes_back: bool) -> None:
+        """Hold nothing of a body that is about to be made anew; a good state of it stays, if it comes back."""
+        self.forces = self.model = self.failure = None
+        self.good = self.good if comes_back else None
 
-    def take(self, simulation: Any) -> None:
+    def take(self, simulation: Any, came_back: bool) -> None:
         """Write checkpoints of the body as a simulation has it now."""
         self.describe(simulation.share, simulation.forces, simulation.failure)
 

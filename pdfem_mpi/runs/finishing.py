@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -104,7 +105,8 @@ def describe_arrays(march: March, before: int) -> dict[str, Any]:
     simulation = march.simulation
     arrays = count_parts(*simulation.parts, march.checkpoints, march.arrays)
     reasons = left_out(simulation.scene, simulation.share, simulation.failure, simulation.comm.size)
-    return describe_memory(simulation.comm, arrays, march.watched, reasons, simulation.need, before)
+    need = replace(simulation.need, bytes=max(simulation.need.bytes, simulation.most_needed))
+    return describe_memory(simulation.comm, arrays, march.watched, reasons, need, before)
 
 
 def remove_stacks(folder: Path) -> None:

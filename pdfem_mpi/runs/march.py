@@ -93,14 +93,18 @@ class March:
         comes_back = getattr(simulation.scene.stepping, "times", None) is not None
         self._looks_for_overlap = comes_back and simulation.failure is not None
 
-    def let_go(self) -> None:
-        """Hold nothing of a body that is about to be made anew."""
-        self.watched, self.ended.fields, self.ended.damage = None, None, None
+    def let_go(self, comes_back: bool) -> None:
+        """Hold nothing of a body that is about to be made anew; what was read off it stays, if that comes back."""
+        self.watched = None
+        if not comes_back:
+            self.ended.fields = self.ended.damage = None
 
-    def take(self, simulation: Simulation) -> None:
+    def take(self, simulation: Simulation, came_back: bool) -> None:
         """Go on with the body as a simulation has it now. Collective."""
         self.watched = Watched(simulation.forces, *simulation.parts, self.checkpoints)
         self.remaining = Remaining()
+        if came_back:
+            return
         geometry = geometry_of(simulation)
         self.reporter.line(describe_switch(simulation))
         on_root(simulation.comm, lambda: self.outputs.follow(geometry))

@@ -11,7 +11,6 @@ from pdfem_mpi.body.found_region import Turning
 from pdfem_mpi.measure.foretelling import Foretelling
 from pdfem_mpi.model.state import State
 from pdfem_mpi.parallel.comm import largest, sum_integers
-from pdfem_mpi.runs.widening import estimate_error
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.stepping import Report
 
@@ -108,22 +107,29 @@ class RegionWatch:
             raise NotConverged(self._describe_small(top, seeds))
         raise RegionTooSmall(Turning(found.turned, seeds, settings.growth))
 
-    def hear(self, report: Report) -> None:
-        """Estimate the error at the first break, and at the peak where that is wanted. Collective."""
-        program, wanted = self.simulation.state.program, self.simulation.scene.adaptive.widening_check
-        if not wanted or report.event != "critical":
-            return
-        first = not report.broken and "widened" not in program
-        rises = wanted == "peak" and report.reaction > RISE * program.get("widened_at", 0.0)
-        if not (first or rises):
-            return
-        error = estimate_error(self.simulation, report.reaction)
+    def asks_for_error(self, report: Report) -> bool:
+        """Whether the error is to be estimated at a row: at the first break, and at the peak where that is wanted."""
+        return any(self._asks_for_error(report))
+
+    def hear_error(self, report: Report, error: float | None) -> None:
+        """Remember the error at a row; None where it could not be told."""
+        program = self.simulation.state.program
+        first, peak = self._asks_for_error(report)
         program["widened"], program["widened_at"] = float(error is not None), report.reaction
-        for name, is_told in (("error", first), ("error_of_peak", wanted == "peak")):
+        for name, is_told in (("error", first), ("error_of_peak", peak)):
             if is_told and error is not None:
                 program[name] = error
             elif is_told:  # a lower load's says nothing of this one
                 program.pop(name, None)
+
+    def _asks_for_error(self, report: Report) -> tuple[bool, bool]:
+        """Whether the row is that of the first break, and one of which the error of the peak is told."""
+        program, wanted = self.simulation.state.program, self.simulation.scene.adaptive.widening_check
+        if not wanted or report.event != "critical":
+            return False, False
+        first = not report.broken and "widened" not in program
+        rises = report.reaction > RISE * program.get("widened_at", 0.0)
+        return first, wanted == "peak" and (first or rises)
 
     def _damaged(self) -> np.ndarray:
         """Places in the share of the cells at the ends of the rank's broken bonds; int64."""

@@ -5,13 +5,12 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.model.bounds import Bounds
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.state import FIELDS, State
 from pdfem_mpi.parallel.comm import broadcast
@@ -97,13 +96,6 @@ def _as_wanted(broken: np.ndarray, columns: int) -> np.ndarray:
     return broken[:, :columns]
 
 
-def _fill(bounds: Bounds, saved: dict[str, Any]) -> None:
-    """Set the bounds in place: the forces have them too."""
-    bounds.bond, bounds.element = saved["bond"], saved["element"]
-    for name, part in saved["parts"].items():
-        _fill(bounds.part(name), part)
-
-
 def restore_late(
     start: RestartPoint, pairs: np.ndarray, state: State, failure: Failure | None, solve: EquilibriumSolver
 ) -> None:
@@ -121,7 +113,7 @@ def restore_late(
     Refused
         They are not bonds of this scene.
     """
-    _fill(state.bounds, start.header["state"]["bounds"])
+    state.bounds.fill(start.header["state"]["bounds"])
     if failure is None:
         return
     books = start.header["failure"]

@@ -20,6 +20,7 @@ from pdfem_mpi.parallel.comm import world
 from pdfem_mpi.parallel.stop_requests import NO_STOP_REQUESTS
 from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.runs.assembly import Assembly, ignore
+from pdfem_mpi.runs.following import follow
 from pdfem_mpi.runs.history_rows import history_row
 from pdfem_mpi.runs.memory_report import features_of
 from pdfem_mpi.runs.prepare import Prepared, cut_again, prepare, warm_up
@@ -27,7 +28,7 @@ from pdfem_mpi.runs.read_columns import make_gauges
 from pdfem_mpi.runs.region_watch import RegionTooSmall, RegionWatch
 from pdfem_mpi.runs.switching import switch
 from pdfem_mpi.solvers.convergence import Progress
-from pdfem_mpi.stepping import Report, follow_load_program
+from pdfem_mpi.stepping import Report
 from pdfem_mpi.stepping.steps import follow_steps
 
 Watch = Callable[[int, Progress], None]
@@ -56,7 +57,7 @@ class Simulation(Assembly):
     region_watch : RegionWatch or None
         Where the run finds by itself where bonds are needed.
     observers : list
-        Of switches: their ``let_go()`` is called before one, and ``take(simulation)`` after it.
+        Of switches: their ``let_go(comes_back)`` is called before one, and ``take(simulation, came_back)`` after it.
 
     Raises
     ------
@@ -94,20 +95,9 @@ class Simulation(Assembly):
 
     def follow(self, watch: Watch = ignore) -> Iterator[Report]:
         """Follow the scene's load program from the state on, in model units; see `steps`."""
-        while True:
-            solver, turning = self.solver or self.prepare_solver(), None
-            try:
-                for report in follow_load_program(self.scene, solver, self.failure, self.state, self.case, watch):
-                    self._evaluated = True
-                    if self.region_watch:
-                        self.region_watch.hear(report)
-                    yield report
-            except RegionTooSmall as found:
-                turning = found.turning
-            if turning is None:
-                return
-            del solver
-            switch(self, turning)
+        for report in follow(self, watch):
+            self._evaluated = True
+            yield report
 
     def steps(self, watch: Watch = ignore) -> Iterator[dict[str, Any]]:
         """Follow the scene's load program, and yield a row at each of its equilibria: the columns of history.csv.

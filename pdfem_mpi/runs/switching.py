@@ -69,7 +69,7 @@ def switch(simulation: Simulation, turning: Turning) -> None:
     program["interpolated"] = program["fresh"] = 1.0
     count_bonds(simulation)
     for observer in simulation.observers:
-        observer.take(simulation)
+        observer.take(simulation, came_back=False)
 
 
 def count_bonds(simulation: Simulation) -> None:
@@ -191,12 +191,30 @@ def broken_bonds(simulation: Simulation, share: Share) -> np.ndarray:
     pairs = failure.broken_pairs() if failure else np.empty((0, 2), np.int64)
     owned, found = share.mesh.cell_id[share.is_owned], [pairs[:0]]
     for some in gather_pairs(comm, pairs, 8 * cells):
-        some = broadcast(comm, some)
-        ids, teeth = some[:, :2], some[:, 2:]
-        reflection, number = np.divmod(ids // 8, cells)
-        other = 8 * (number + cells * reflection[:, ::-1]) + ids % 8
-        both = np.sort(np.concatenate([ids, other]), axis=1)
-        both = np.unique(np.column_stack([both, np.concatenate([teeth, teeth])]), axis=0)
-        here = np.isin(both[:, :2] // 8 % cells, owned).any(axis=1)
-        found.append(both[here])
+        both = with_other_names(broadcast(comm, some), cells)
+        if comm.size > 1:
+            both = both[np.isin(both[:, :2] // 8 % cells, owned).any(axis=1)]
+        found.append(both)
     return np.concatenate(found)
+
+
+def with_other_names(pairs: np.ndarray, cells: int) -> np.ndarray:
+    """Bonds by their global ids, those across a mirror plane by both of their names.
+
+    Parameters
+    ----------
+    pairs : int64, shape (n, 2 or 3)
+        Global ids (lower, higher), each bond once; with its teeth.
+    cells : int
+        Of the whole mesh.
+
+    Returns
+    -------
+    int64, shape (m, 2 or 3)
+    """
+    across = pairs[pairs[:, 1] >= 8 * cells]
+    ids = across[:, :2]
+    reflection, number = np.divmod(ids // 8, cells)
+    other = np.sort(8 * (number + cells * reflection[:, ::-1]) + ids % 8, axis=1)
+    new = (other != ids).any(axis=1)  # a point and its own image have one name
+    return np.concatenate([pairs, np.column_stack([other, across[:, 2:]])[new]])

@@ -1,14 +1,17 @@
 """Regions that are found are the same on any number of ranks, across switches and stops."""
 
+import json
 from functools import cache
 
 import numpy as np
 import pytest
 
 from pdfem_mpi import Simulation
+from pdfem_mpi.deck.programs import Events
 from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.parallel.slabs import redistribute
-from support.adaptive import plate, rows_of
+from pdfem_mpi.runs import widening
+from support.adaptive import FAST, plate, rows_of
 from support.helpers import assert_all
 from support.restarts import StopAt, differing, go, outcome
 
@@ -52,6 +55,32 @@ def test_runs_go_on_on_other_ranks(comm, tmp_path):
     code = go(plate(), comm, stopped)
     wrong = differing(outcome(stopped), outcome(straight)) if comm.rank == 0 else []
     assert_all(comm, code == FINISHED and not wrong, f"{wrong} differ")
+
+
+def test_a_narrow_body_that_goes_first_changes_nothing(comm, tmp_path, monkeypatch):
+    """The error of the peak, told while the narrow body is gone: on all ranks, and stopped, as with both on one."""
+    scene = plate(adaptive={"widening_check": "peak"}, stepping=Events(kind="events", **FAST | {"end_reaction": 0.9}))
+    straight, all_ranks, stopped = (broadcast(comm, tmp_path / name) for name in ("straight", "all", "stopped"))
+    if comm.rank == 0:
+        go(scene, mpi().COMM_SELF, straight)
+    comm.Barrier()
+    monkeypatch.setattr(widening, "MANY_BONDS", 0)
+    codes = [go(scene, comm, all_ranks)]
+    for n in (1, 2, 1):
+        go(scene, comm, stopped, requests=StopAt(n, here=comm.rank == 0))
+    codes.append(go(scene, comm, stopped))
+    wrong = []
+    if comm.rank == 0:
+        expected = outcome(straight) | errors_of(straight)
+        for out in (all_ranks, stopped):
+            wrong += differing(outcome(out) | errors_of(out), expected)
+    assert_all(comm, codes == [FINISHED] * 2 and not wrong, f"{codes}, {wrong} differ")
+
+
+def errors_of(out):
+    """What a run says of its errors."""
+    found = json.loads((out / "summary.json").read_text(encoding="utf-8"))["adaptive"]
+    return {name: found[name] for name in ("error", "error_of_peak")}
 
 
 def test_rows_are_sent_to_where_they_are_wanted(comm):

@@ -103,17 +103,6 @@ def test_steps_switch_too():
     assert rows[0]["reaction"] == pytest.approx(drawn[0]["reaction"], rel=OF_LOADS)
 
 
-def test_the_error_is_estimated():
-    """Three times as wide a region tells most of what bonds everywhere would change, with its sign."""
-    stepping = Events(kind="events", **FAST | {"end_load_factor": 0.41})
-    scene, drawn = plate(adaptive={"widening_check": True}, stepping=stepping), plate(DRAWN, stepping=stepping)
-    simulation = Simulation(scene, mpi().COMM_SELF)
-    first, reference = next(simulation.steps()), next(Simulation(drawn, mpi().COMM_SELF).steps())
-    true = first["reaction"] / reference["reaction"] - 1.0
-    assert abs(true) < OF_LOADS
-    assert simulation.state.program["error"] == pytest.approx(true, rel=0.7)
-
-
 def test_the_old_body_is_gone_before_the_new_one_is_made(monkeypatch):
     """A switch never holds the bonds of two bodies."""
     simulation, alive, build = Simulation(plate(), mpi().COMM_SELF), [], Simulation.build
@@ -197,17 +186,14 @@ def test_softened_bonds_go_through_switches(tmp_path):
     assert not differing(outcome(stopped), outcome(straight))
 
 
-def test_the_error_of_the_peak_is_estimated():
-    """With the bonds that are broken there."""
-    scene = plate(adaptive={"widening_check": "peak"})
-    simulation = Simulation(scene, mpi().COMM_SELF)
-    rows, expected = rows_of(simulation), rows_of(Simulation(plate(DRAWN), mpi().COMM_SELF))
-    loads, wanted = ([row["reaction"] for row in some if row["event"] == "critical"] for some in (rows, expected))
-    program = simulation.state.program
-    assert max(loads) > 1.01 * loads[0]
-    assert program["widened_at"] > 0.99 * max(loads) / simulation.share.units.force
-    assert abs(program["error_of_peak"]) < OF_LOADS
-    assert program["error_of_peak"] == pytest.approx(max(loads) / max(wanted) - 1.0, abs=0.005)
+def test_bonds_across_mirror_planes_have_two_names():
+    """Of point p with the image of q, and of q with the image of p; their teeth go along."""
+    cells = 5
+    inside, across = [8 * 1 + 3, 8 * 2 + 4, 1], [8 * 1 + 3, 8 * (4 + cells * 2) + 7, 6]
+    own = [8 * 1 + 1, 8 * (1 + cells) + 1, 0]
+    found = switching.with_other_names(np.array([inside, across, own]), cells)
+    other = [8 * 4 + 7, 8 * (1 + cells * 2) + 3, 6]
+    assert sorted(found.tolist()) == sorted([inside, across, own, other])
 
 
 def test_a_switch_that_does_not_fit_ends_before_it_is_made(monkeypatch):
