@@ -1,4 +1,4 @@
-"""Whether a scene fits into memory, asked before anything large is allocated; and what a process has resident.
+"""Whether a scene fits into memory, asked before anything large is allocated.
 
 A rank's need is counted, not guessed: its cells, ghosts and nodes are known exactly, and the rows of bonds come from a
 sample of its cells whose families are searched in full. What a scene's arrays take was read off the code and compared
@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import platform
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import psutil
@@ -65,28 +64,6 @@ class Need:
 
     bonds: float
     bytes: float
-
-
-def resident() -> int:
-    """Bytes of this process in memory."""
-    return psutil.Process().memory_info().rss
-
-
-def peak_resident() -> int:
-    """Largest `resident` since the process began or `forget_peak`; 0 where the system has no such number."""
-    try:
-        lines = Path("/proc/self/status").read_text().splitlines()
-    except OSError:
-        return 0
-    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM:")), 0)
-
-
-def forget_peak() -> None:
-    """Let `peak_resident` start from now, where the system allows it."""
-    try:
-        Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        return
 
 
 def check_mesh(scene: Scene, n_cells: int, comm, seen: int | None = None) -> None:

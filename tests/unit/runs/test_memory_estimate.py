@@ -38,15 +38,16 @@ from pdfem_mpi.deck.toml import read_deck
 from pdfem_mpi.body.cutting import share_of
 from pdfem_mpi.runs.compilation import compile_kernels
 from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.system.process_memory import footprint, forget_peak
 from support.bodies import build
 compile_kernels()
 scene = read_deck(sys.argv[1], sys.argv[2:])
 share = share_of(scene, mpi().COMM_SELF)
 need = memory.check_model(scene, share, mpi().COMM_SELF)
-before = memory.resident()
-memory.forget_peak()
+before = footprint().resident
+forget_peak()
 body = build(scene)
-print(need.bytes, memory.peak_resident() - before)
+print(need.bytes, footprint().peak - before)
 """
 
 
