@@ -39,16 +39,18 @@ POINT_BYTES = 170
 DILATATION_BYTES = 25
 #: Fitted weights of a row's slots in the dilatations of both ends.
 WEIGHT_BYTES = 32
-#: Vectors over the unknowns of a point or node while a load case is made: state, loads, one rigid mode at a time.
-MOTION_BYTES = 330
+#: Vectors over the unknowns of a point or node while a load case is made: state, loads, one rigid mode at a time; and
+#: those that stay.
+MOTION_BYTES, KEPT_BYTES = 330, 130
 #: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model, for a cell; rows of the
 #: rank's part of the coarse grid, for a node of it.
 GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES, GRID_NODE_BYTES = 320, 700, 6_000
 #: What rank 0 makes of the last grid: moments of a cell; a number of a cell's 24 x 24 with its places, and sorted; a
 #: number of its matrix, 81 a row, with half of them as entries of the band; a number of the band in both precisions.
 MOMENT_BYTES, TERM_BYTES, ENTRY_BYTES, BAND_BYTES = 2_600, 32, 24, 12
-#: Rank 0 gathers fields a slab of cells at a time, for their digest and for checkpoints: rows as they come, in order.
-SLAB_CELL_BYTES = 2 * 8 * 24
+#: Rank 0 gathers fields a slab of cells at a time, for their digest and for checkpoints: rows as they come, in order,
+#: and two of the writer's.
+SLAB_CELL_BYTES = 4 * 8 * 24
 #: What a run takes whatever its body is: Python's objects, and the files that are written. Measured on bodies of eight
 #: cells a rank: on one rank; more on several, for their messages; and for each other rank that one exchanges with.
 OBJECT_BYTES, MESSAGE_BYTES, NEIGHBOUR_BYTES = 1.5 * 2**20, 1.5 * 2**20, 0.1 * 2**20
@@ -146,14 +148,14 @@ def estimate(scene: Scene, share: Share) -> Need:
     if bonds and scene.has_volumetric_part:
         fitted = scene.peridynamics.surface_correction == "fitted"
         total += 8 * n_cells * DILATATION_BYTES + rows * (WEIGHT_BYTES if fitted else 0)
-    later = (8 * len(subdomain.free) + len(subdomain.owned_nodes)) * MOTION_BYTES
-    later += np.count_nonzero(share.has_nodes) * NODAL_CELL_BYTES
+    places = 8 * len(subdomain.free) + len(subdomain.owned_nodes)
+    later = places * MOTION_BYTES + np.count_nonzero(share.has_nodes) * NODAL_CELL_BYTES
     gathers = share.comm.rank == 0 < share.comm.size - 1
     slab = SLAB_CELL_BYTES * min(share.counts.point_cells, SLAB) if gathers else 0
     if scene.has_cycle:
-        later += 8 * len(subdomain.free) * GRADIENT_POINT_BYTES
-        later += (len(cells) + len(subdomain.elements)) * GRADIENT_CELL_BYTES
-        later += max(_of_coarse_grid(share), slab)  # one after the other
+        solver = places * KEPT_BYTES + 8 * len(subdomain.free) * GRADIENT_POINT_BYTES
+        solver += (len(cells) + len(subdomain.elements)) * GRADIENT_CELL_BYTES
+        later = max(later, solver + max(_of_coarse_grid(share), slab))  # one after the other
     else:
         later += slab
     fit = 0.0
