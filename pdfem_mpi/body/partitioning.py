@@ -11,6 +11,7 @@ import numpy as np
 
 from pdfem_mpi.body.counts import too_many_ranks
 from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.near_places import NearPlaces
 from pdfem_mpi.body.subdomain import centroids_of, near_images
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.exact_sums import MOST_RANKS
@@ -43,15 +44,13 @@ def _neighbours(discretization: Discretization, cells: np.ndarray) -> np.ndarray
     """Cells with points, and images of them, within the cutoff radius of some cells, centre to centre; int64, (n,)."""
     counts = np.zeros(len(cells), np.int64)
     if len(cells):
-        from scipy.spatial import cKDTree
-
         centroids = centroids_of(discretization)
         chosen = centroids[discretization.has_points]
         _, _, images = near_images(discretization, chosen, centroids[cells])
-        tree = cKDTree(np.concatenate([chosen, images]))
+        near = NearPlaces(np.concatenate([chosen, images]), discretization.cutoff)
         for start in range(0, len(cells), BATCH):
             part = slice(start, start + BATCH)
-            counts[part] = tree.query_ball_point(centroids[cells[part]], discretization.cutoff, return_length=True)
+            counts[part] = near.counts(centroids[cells[part]])
             report_progress()
     return counts
 

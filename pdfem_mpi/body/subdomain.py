@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.near_places import NearPlaces
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.mesh.hexmesh import HexMesh
 
@@ -140,10 +141,8 @@ def _ghost_cells(discretization, owner, rank, order) -> np.ndarray:
     (centre, radius), (owned_centre, owned_radius) = (cell_balls(discretization, some) for some in (others, mine))
     if not len(others):
         return np.empty(0, np.int64)
-    from scipy.spatial import cKDTree
-
     widest = max(radius.max(), owned_radius.max())
-    distance, _ = cKDTree(owned_centre).query(centre, distance_upper_bound=discretization.cutoff + 2.0 * widest)
+    distance = NearPlaces(owned_centre, discretization.cutoff + 2.0 * widest).distances(centre)
     near = np.isfinite(distance)
     # the nearest centre need not be the nearest cell when sizes differ: compare with the largest owned radius
     keep = distance[near] <= discretization.cutoff + radius[near] + owned_radius.max()
@@ -164,13 +163,11 @@ def _image_cells(discretization, owned, ghosts) -> tuple[np.ndarray, np.ndarray]
     """Cells with a mirror image within the cutoff radius of an owned cell, or nearly so, and the reflections."""
     if not discretization.mirrors or not len(owned):
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    from scipy.spatial import cKDTree
-
     cells = np.concatenate([owned, ghosts])
     centre, radius = cell_balls(discretization, cells)
     own = slice(0, len(owned))
     near, reflection, images = near_images(discretization, centre, centre[own], 2.0 * radius.max())
-    distance, _ = cKDTree(centre[own]).query(images)
+    distance = NearPlaces(centre[own], discretization.cutoff + 2.0 * radius.max()).distances(images)
     keep = distance <= discretization.cutoff + radius[near] + radius[own].max()
     return cells[near][keep], reflection[keep]
 

@@ -177,5 +177,6 @@ def digest_fields(share: Share, forces: Forces, u: np.ndarray) -> str | None:
         total.update(f"{shape}".encode())
         for _, slab in gather_slabs(model.comm, ids, rows, n):
             if slab is not None:
-                total.update((slab * length).tobytes())
+                slab *= length
+                total.update(slab)
     return total.hexdigest() if model.comm.rank == 0 else None

@@ -94,6 +94,7 @@ def gather_slabs(comm: Intracomm, global_ids: Array, rows: Array, n_global: int)
         n_owners = np.bincount(slab_ids - first, minlength=n_slab)
         wrong = np.flatnonzero(n_owners != 1)[: max(0, 3 - len(problems))]
         problems += [f"id {first + i} has {n_owners[i]} owners" for i in wrong]
+        del slab_ids, slab_rows  # while the slab is worked on, there is one of it
         yield first, table
     if edges[-1] - edges[0] < len(ids):
         problems.append(f"rank {comm.rank} has ids outside 0 .. {n_global - 1}")

@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pdfem_mpi.body.near_places import nearest_distances
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.peridynamics.images import MirroredHalo
 from pdfem_mpi.peridynamics.points import Depths, Points, make_points
@@ -32,7 +33,7 @@ def with_needed_ghosts(share: Share, comm, finite: bool) -> tuple[Share, Points]
     points = make_points(share, comm)
     if comm.size == 1:
         return share, points
-    points = replace(points, depths=_depths(points))
+    points = replace(points, depths=_depths(points, share.cutoff))
     subdomain, n_real = share.subdomain, points.n_owned + len(share.subdomain.ghosts)
     needed = np.zeros(len(points.cell_number), bool)
     needed[: points.n_owned] = True
@@ -52,10 +53,8 @@ def with_needed_ghosts(share: Share, comm, finite: bool) -> tuple[Share, Points]
     return share, replace(make_points(share, comm), depths=depths)
 
 
-def _depths(points: Points) -> Depths:
+def _depths(points: Points, cutoff: float) -> Depths:
     """Distances of owned cells and ghosts from the nearest cell of the other rank. Collective."""
-    from scipy.spatial import cKDTree
-
     halo = points.halo.halo if isinstance(points.halo, MirroredHalo) else points.halo
     centres = points.x.reshape(-1, 2, 3, 4).mean(axis=(1, 3))
     n_cells, n_real = len(points.cell_number), halo.n_owned + halo.n_ghost
@@ -63,7 +62,7 @@ def _depths(points: Points) -> Depths:
     told = []
     for k, (lent, ghosts) in enumerate(halo.shared()):
         if len(lent) and len(ghosts):
-            depth[lent, k] = cKDTree(centres[ghosts]).query(centres[lent])[0]
+            depth[lent, k] = nearest_distances(centres[ghosts], centres[lent], cutoff)
         neighbour[ghosts] = k
         told.append(depth[lent, k])
     ghosts = np.arange(halo.n_owned, n_real)

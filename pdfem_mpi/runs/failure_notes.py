@@ -16,6 +16,7 @@ import numpy as np
 
 from pdfem_mpi.body.lattice_planes import bond_sizes
 from pdfem_mpi.body.materials import materials_of
+from pdfem_mpi.body.near_places import NearPlaces
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.body.softening import laws_of_materials
 from pdfem_mpi.deck.scene import Scene
@@ -198,8 +199,6 @@ def _reaches_into_overlap(scene: Scene, share: Share) -> bool:
 
 def _reaches_here(scene: Scene, share: Share) -> bool:
     """The same of the overlap cells of this rank."""
-    from scipy.spatial import cKDTree
-
     classes, stretch = point_classes(scene, share), critical_stretches(scene, share)
     follows = share.is_overlap & share.is_owned
     corners = share.nodes[share.mesh.cells]
@@ -208,9 +207,8 @@ def _reaches_here(scene: Scene, share: Share) -> bool:
         free = np.isin(classes, open_to) & share.has_points & ~share.is_overlap
         if not free.any():
             continue
-        tree = cKDTree(gauss_positions(corners[free]).reshape(-1, 3))
+        near = NearPlaces(gauss_positions(corners[free]).reshape(-1, 3), share.cutoff)
         points = gauss_positions(corners[follows & (classes == theirs)]).reshape(-1, 3)
-        distance, _ = tree.query(points, distance_upper_bound=share.cutoff)
-        if np.isfinite(distance).any():
+        if near.counts(points).any():
             return True
     return False

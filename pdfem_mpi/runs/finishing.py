@@ -23,12 +23,15 @@ from pdfem_mpi.runs.stopwatch import phase
 from pdfem_mpi.runs.summary import end_table, make_summary
 from pdfem_mpi.runs.switching import count_bonds
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_STOPPED
+from pdfem_mpi.system.process_memory import MemoryWatch
 
 if TYPE_CHECKING:
     from pdfem_mpi.runs.run import Run
 
 
-def finish(run: Run, march: March, start: RestartPoint, findings: Findings, sizes: dict[str, int], before: int) -> int:
+def finish(
+    run: Run, march: March, start: RestartPoint, findings: Findings, sizes: dict[str, int], watch: MemoryWatch
+) -> int:
     """Write what belongs to the end of a start, and report it; returns the exit code. Collective.
 
     Parameters
@@ -39,10 +42,10 @@ def finish(run: Run, march: March, start: RestartPoint, findings: Findings, size
     findings : Findings
     sizes : dict
         Of the body, as of `prepare.count_sizes`.
-    before : int
-        Bytes of the process before the simulation was made.
+    watch : MemoryWatch
+        Of the process since before the simulation was made.
     """
-    memory = describe_arrays(march, before)
+    memory = describe_arrays(march, watch)
     if run.scene.is_adaptive:
         count_bonds(march.simulation)
     comm, simulation, ended, seconds = run.comm, march.simulation, march.ended, run.seconds
@@ -100,13 +103,13 @@ def write_end(run: Run, summary: dict[str, Any], draws: bool) -> None:
     write_summary(path, sealed(summary, run.out))
 
 
-def describe_arrays(march: March, before: int) -> dict[str, Any]:
+def describe_arrays(march: March, watch: MemoryWatch) -> dict[str, Any]:
     """What was allocated, and what was left out. Collective."""
     simulation = march.simulation
     arrays = count_parts(*simulation.parts, march.checkpoints, march.arrays)
     reasons = left_out(simulation.scene, simulation.share, simulation.failure, simulation.comm.size)
     need = replace(simulation.need, bytes=max(simulation.need.bytes, simulation.most_needed))
-    return describe_memory(simulation.comm, arrays, march.watched, reasons, need, before)
+    return describe_memory(simulation.comm, arrays, march.watched, reasons, need, watch)
 
 
 def remove_stacks(folder: Path) -> None:

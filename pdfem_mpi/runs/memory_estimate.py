@@ -1,8 +1,9 @@
-"""Whether a scene fits into memory, asked before anything large is allocated; and what a process has resident.
+"""Whether a scene fits into memory, asked before anything large is allocated.
 
 A rank's need is counted, not guessed: its cells, ghosts and nodes are known exactly, and the rows of bonds come from a
-sample of its cells whose families are searched in full. What a scene's arrays take was read off the code and compared
-with resident memory: within 15 % on coupled, peridynamic and finite-element bodies of 100 MB and more.
+sample of its cells whose families are searched in full. What a scene's arrays take was read off the code, what a run
+takes beside them was measured on bodies of a few cells, and both together were compared with peaks of private memory
+(docs/needs.md).
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from __future__ import annotations
 import math
 import platform
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import psutil
@@ -21,6 +21,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.parallel.comm import agree, largest, node_communicator, sum_integers
+from pdfem_mpi.parallel.slabs import SLAB
 from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts, halved
 from pdfem_mpi.system.process_limits import Limit, group_limit, own_limit
 
@@ -38,11 +39,21 @@ POINT_BYTES = 170
 DILATATION_BYTES = 25
 #: Fitted weights of a row's slots in the dilatations of both ends.
 WEIGHT_BYTES = 32
-#: Vectors over the unknowns of a point or node while a load case is made: state, loads, one rigid mode at a time.
-MOTION_BYTES = 330
+#: Vectors over the unknowns of a point or node while a load case is made: state, loads, one rigid mode at a time; and
+#: those that stay.
+MOTION_BYTES, KEPT_BYTES = 330, 130
 #: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model, for a cell; rows of the
-#: rank's part of the coarse grid, for a node of it, and what rank 0 makes of the last one, for a cell of that.
-GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES, GRID_NODE_BYTES, GRID_CELL_BYTES = 320, 700, 6_000, 16_000
+#: rank's part of the coarse grid, for a node of it.
+GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES, GRID_NODE_BYTES = 320, 700, 6_000
+#: What rank 0 makes of the last grid: moments of a cell; a number of a cell's 24 x 24 with its places, and sorted; a
+#: number of its matrix, 81 a row, with half of them as entries of the band; a number of the band in both precisions.
+MOMENT_BYTES, TERM_BYTES, ENTRY_BYTES, BAND_BYTES = 2_600, 32, 24, 12
+#: Rank 0 gathers fields a slab of cells at a time, for their digest and for checkpoints: rows as they come, in order,
+#: and two of the writer's.
+SLAB_CELL_BYTES = 4 * 8 * 24
+#: What a run takes whatever its body is: Python's objects, and the files that are written. Measured on bodies of eight
+#: cells a rank: on one rank; more on several, for their messages; and for each other rank that one exchanges with.
+OBJECT_BYTES, MESSAGE_BYTES, NEIGHBOUR_BYTES = 1.5 * 2**20, 1.5 * 2**20, 0.1 * 2**20
 #: Table, vectors, blocks and multipliers of a point while bond factors are fitted.
 FIT_POINT_BYTES = 1700
 #: Matrix and factors of the fit's grid on every rank, for a cell with points, and at most.
@@ -65,28 +76,6 @@ class Need:
 
     bonds: float
     bytes: float
-
-
-def resident() -> int:
-    """Bytes of this process in memory."""
-    return psutil.Process().memory_info().rss
-
-
-def peak_resident() -> int:
-    """Largest `resident` since the process began or `forget_peak`; 0 where the system has no such number."""
-    try:
-        lines = Path("/proc/self/status").read_text().splitlines()
-    except OSError:
-        return 0
-    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM:")), 0)
-
-
-def forget_peak() -> None:
-    """Let `peak_resident` start from now, where the system allows it."""
-    try:
-        Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        return
 
 
 def check_mesh(scene: Scene, n_cells: int, comm, seen: int | None = None) -> None:
@@ -148,23 +137,27 @@ def fits_easily(share: Share, most_bonds: float) -> bool:
 
 
 def estimate(scene: Scene, share: Share) -> Need:
-    """What a rank with this share will allocate at most at a time, beyond the share."""
+    """What a rank with this share will have taken at most at a time, beyond Python, libraries and kernels."""
     subdomain = share.subdomain
     cells = np.concatenate([subdomain.free, subdomain.overlap])
     rows, bonds = _count_bonds(share, cells)
     n_nodes = len(subdomain.owned_nodes) + len(subdomain.ghost_nodes)
-    total = rows * ROW_BYTES[scene.kinematics]
+    total = rows * ROW_BYTES[scene.kinematics] + len(share.mesh.cells) * CELL_BYTES + _apart_from_the_body(share)
     n_cells = len(cells) + len(subdomain.ghosts) + len(subdomain.images)
     total += (8 * n_cells + 0.5 * n_nodes) * POINT_BYTES
     if bonds and scene.has_volumetric_part:
         fitted = scene.peridynamics.surface_correction == "fitted"
         total += 8 * n_cells * DILATATION_BYTES + rows * (WEIGHT_BYTES if fitted else 0)
-    later = (8 * len(subdomain.free) + len(subdomain.owned_nodes)) * MOTION_BYTES
-    later += np.count_nonzero(share.has_nodes) * NODAL_CELL_BYTES
+    places = 8 * len(subdomain.free) + len(subdomain.owned_nodes)
+    later = places * MOTION_BYTES + np.count_nonzero(share.has_nodes) * NODAL_CELL_BYTES
+    gathers = share.comm.rank == 0 < share.comm.size - 1
+    slab = SLAB_CELL_BYTES * min(share.counts.point_cells, SLAB) if gathers else 0
     if scene.has_cycle:
-        later += 8 * len(subdomain.free) * GRADIENT_POINT_BYTES
-        later += (len(cells) + len(subdomain.elements)) * GRADIENT_CELL_BYTES
-        later += _of_coarse_grid(share)
+        solver = places * KEPT_BYTES + 8 * len(subdomain.free) * GRADIENT_POINT_BYTES
+        solver += (len(cells) + len(subdomain.elements)) * GRADIENT_CELL_BYTES
+        later = max(later, solver + max(_of_coarse_grid(share), slab))  # one after the other
+    else:
+        later += slab
     fit = 0.0
     if bonds and scene.peridynamics.surface_correction == "fitted":
         fit = 8 * (len(cells) + len(subdomain.ghosts)) * FIT_POINT_BYTES
@@ -172,13 +165,31 @@ def estimate(scene: Scene, share: Share) -> Need:
     return Need(bonds, total + max(later, fit))  # one after the other
 
 
+def _apart_from_the_body(share: Share) -> float:
+    """Bytes of a rank's objects and messages, which depend on no size of the body but on how many ranks are near."""
+    if share.comm.size == 1:
+        return OBJECT_BYTES
+    others = np.unique(np.concatenate([share.subdomain.ghost_owner, share.subdomain.ghost_node_owner]))
+    return OBJECT_BYTES + MESSAGE_BYTES + len(others) * NEIGHBOUR_BYTES
+
+
 def _of_coarse_grid(share: Share) -> float:
     """Bytes of a rank's part of the coarse grid: of the levels that are dealt out as of the body, and of the last."""
     counts, n_halvings = grid_counts(share)
     part = np.count_nonzero(share.is_owned) / share.counts.cells
     dealt_out = sum(float(np.prod(halved(counts, k) + 1)) for k in range(n_halvings))
-    last = float(np.prod(halved(counts, n_halvings))) * (share.comm.rank == 0)
-    return part * dealt_out * GRID_NODE_BYTES + last * GRID_CELL_BYTES
+    last = _of_last_grid(halved(counts, n_halvings)) if share.comm.rank == 0 else 0.0
+    return part * dealt_out * GRID_NODE_BYTES + last
+
+
+def _of_last_grid(counts: np.ndarray) -> float:
+    """Bytes while the last grid is made: of the terms of its cells, then of its matrix and the band of its factor."""
+    n_cells, nodes = float(np.prod(counts)), np.sort(counts + 1)
+    unknowns = 3.0 * float(np.prod(nodes))
+    # from a node to the last one beside it, the longest axis outermost
+    reach = 3.0 * float(nodes[0] * nodes[1] + nodes[0] + 2)
+    terms = n_cells * 24 * 24 * TERM_BYTES
+    return n_cells * MOMENT_BYTES + max(terms, unknowns * (81 * ENTRY_BYTES + reach * BAND_BYTES))
 
 
 def _count_bonds(share: Share, cells: np.ndarray) -> tuple[float, float]:

@@ -6,7 +6,6 @@ works are counted on the way. Reasons come from the scene: a part without a byte
 
 from __future__ import annotations
 
-import resource
 from collections.abc import Iterator
 from typing import Any
 
@@ -26,6 +25,7 @@ from pdfem_mpi.runs.checkpoints import CheckpointWriter
 from pdfem_mpi.runs.memory_estimate import Need, show_bytes
 from pdfem_mpi.solvers.convergence import Progress
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver
+from pdfem_mpi.system.process_memory import MemoryWatch
 
 #: All parts, in the order in which they are counted: what two of them share belongs to the first.
 PARTS = (
@@ -156,7 +156,7 @@ def _things(
 
 
 def describe_memory(
-    comm, parts: dict[str, int], watched: Watched, reasons: dict[str, str], need: Need, before: int
+    comm, parts: dict[str, int], watched: Watched, reasons: dict[str, str], need: Need, watch: MemoryWatch
 ) -> dict[str, Any]:
     """The entry ``memory`` of the summary; empty except on rank 0. Collective.
 
@@ -168,20 +168,21 @@ def describe_memory(
         From `left_out`.
     need : Need
         What was estimated before anything was allocated.
-    before : int
-        Bytes that were resident then.
+    watch : MemoryWatch
+        Of the process since then.
     """
     parts = parts | {"solver_vectors": watched.bytes}
     sums = sum_integers(comm, np.array([parts[name] for name in PARTS])).tolist()
-    peak = comm.gather(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
-    others = [comm.gather(number) for number in (before, int(need.bytes), sum(parts.values()))]
+    watch.look()
+    start, peak = watch.start, watch.last.peak
+    own = peak, start.resident, watch.private_peak, start.private, int(need.bytes), sum(parts.values())
+    everybody = comm.gather(own)
     swept = comm.gather(watched.swept)
     if comm.rank > 0:
         return {}
-    names = ("before_set_up", "estimated", "array")
+    names = ("peak", "before_set_up", "private_peak", "private_before_set_up", "estimated", "array")
     return {
-        "peak_bytes_per_rank": peak,
-        **{f"{name}_bytes_per_rank": numbers for name, numbers in zip(names, others, strict=True)},
+        **{f"{name}_bytes_per_rank": list(of) for name, of in zip(names, zip(*everybody, strict=True), strict=True)},
         "array_bytes": {name: size for name, size in zip(PARTS, sums, strict=True) if size},
         "left_out": {
             name: reasons.get(name, "nothing to hold") for name, size in zip(PARTS, sums, strict=True) if not size
@@ -204,9 +205,13 @@ def table_of(summary: dict[str, Any]) -> list[tuple[str, str]]:
     rows = [(name.replace("_", " "), show(sizes[name])) for name in large]
     rows.append(("other arrays", show(whole - sum(sizes[name] for name in large))))
     rows.append(("all arrays", show(whole)))
-    start, estimated, peak = (sum(memory[f"{name}_bytes_per_rank"]) for name in ("before_set_up", "estimated", "peak"))
-    more = f"{show_bytes(peak - start)} with libraries loaded since, estimated {show_bytes(estimated)} without"
-    rows.append(("peak above that before set-up", more))
+    start, estimated, peak, private_start, private_peak = (
+        sum(memory[f"{name}_bytes_per_rank"])
+        for name in ("before_set_up", "estimated", "peak", "private_before_set_up", "private_peak")
+    )
+    grown = show_bytes(private_peak - private_start)
+    rows.append(("private peak above the start", f"{grown}, estimated {show_bytes(estimated)}"))
+    rows.append(("resident peak above the start", f"{show_bytes(peak - start)}, pages that processes share included"))
     if memory["bond_kernels"]:
         rows.append(("bond kernels called", "; ".join(memory["bond_kernels"])))
     absent: dict[str, list[str]] = {}

@@ -23,8 +23,8 @@ from pdfem_mpi.runs.claimed_folder import ClaimedFolder
 from pdfem_mpi.runs.compilation import not_compiled
 from pdfem_mpi.runs.finishing import finish
 from pdfem_mpi.runs.identity import identity
+from pdfem_mpi.runs.libraries import load_libraries
 from pdfem_mpi.runs.march import March
-from pdfem_mpi.runs.memory_estimate import resident
 from pdfem_mpi.runs.memory_report import features_of
 from pdfem_mpi.runs.notes import describe_body, describe_bonds, describe_nothing, examine, headline
 from pdfem_mpi.runs.output import Place
@@ -40,6 +40,7 @@ from pdfem_mpi.runs.summary import sha256
 from pdfem_mpi.system.exit_codes import EXIT_FINISHED, EXIT_NOT_WRITTEN, EXIT_STOPPED
 from pdfem_mpi.system.garbage import no_search_for_garbage
 from pdfem_mpi.system.heap import APART_BESIDE_BONDS, large_arrays_apart
+from pdfem_mpi.system.process_memory import MemoryWatch
 
 
 def run(
@@ -131,10 +132,10 @@ class Run:
         with phase(self.seconds, "compile"):
             load_kernels(self.scene, self.comm, self.reporter)
         self._stop_if_asked()
-        before = resident()
-        prepared = self._prepare(start)
-        if prepared is None:
+        memory = MemoryWatch()
+        if not (prepared := self._prepare(start)):
             return EXIT_FINISHED
+        memory.look()
         simulation, broken, sizes = prepared
         self._stop_if_asked()
         on_root(self.comm, self._open_folder)
@@ -144,16 +145,16 @@ class Run:
             simulation.prepare_solver(self.reporter.line, stop_requests)
             if start.path:
                 restore_late(start, broken, simulation.state, simulation.failure, simulation.solver)
+        memory.look()
         self._lines(headline(simulation, sizes, self.seconds["setup"]))
         with phase(self.seconds, "setup"):
             findings = examine(simulation, start.path is not None)
         self._lines([*findings.notes, *(f"note: {note}" for note in start.notes)])
-        state = simulation.state
         if start.path:
-            stop_requests.resumed(state)
+            stop_requests.resumed(state := simulation.state)
             self.reporter.line(f"going on from {start.path.name}: step {state.step}, iteration {state.iteration}")
         else:
-            state.began = perf_counter()
+            simulation.state.began = perf_counter()
         self._lines(describe_bonds(simulation, findings))
         on_root(self.comm, partial(self._open_outputs, simulation, geometry_of(simulation), start))
         self.options.requests.setting_up = False
@@ -163,7 +164,7 @@ class Run:
         ended = march.follow()
         if ended.did_nothing and self.claimed:
             ended.reason += describe_nothing(start_up, self.claimed.starts.idle)
-        return finish(self, march, start, findings, sizes, before)
+        return finish(self, march, start, findings, sizes, memory)
 
     def _prepare(self, start: RestartPoint) -> tuple[Simulation, np.ndarray | None, dict[str, int]] | None:
         """The simulation in the state of the start, its broken bonds, and its sizes; None for a run that is finished
@@ -225,9 +226,10 @@ class Run:
 
 
 def load_kernels(scene: Scene, comm, reporter: Reporter) -> None:
-    """Compile or load the kernels that the scene calls. Collective."""
+    """Compile or load the kernels that the scene calls, and load libraries for rank 0. Collective."""
     features = features_of(scene)
     if missing := on_root(comm, lambda: not_compiled(features)):
         reporter.line(f"compiling {missing} kernels, once on this machine (up to 30 s)")
     with no_search_for_garbage():
         warm_up(comm, features)
+    load_libraries(scene, comm)

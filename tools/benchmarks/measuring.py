@@ -34,10 +34,10 @@ from pdfem_mpi.parallel.comm import largest, sum_integers, world
 from pdfem_mpi.peridynamics.bond_forces import NOTHING_FAILS, pages
 from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.peridynamics.failure import Failure
-from pdfem_mpi.runs.memory_estimate import forget_peak, peak_resident, resident
 from pdfem_mpi.runs.prepare import warm_up
 from pdfem_mpi.system import launcher as launch
 from pdfem_mpi.system.heap import large_arrays_apart
+from pdfem_mpi.system.process_memory import footprint, forget_peak
 from tools.benchmarks import ceilings
 
 #: Cells of the paper's plate region, 30 million bonds, and of the case for quick looks, 2.4 million.
@@ -168,7 +168,7 @@ def _ready(forces: Forces, bound: str) -> tuple[np.ndarray, np.ndarray, np.ndarr
 def _measure_finite(case: dict, comm, seconds: float) -> dict:
     """Set-up with the surface correction, memory, evaluations with failure, sums and relaxation."""
     scene = make_scene(case, "peridynamics", "finite", "appendix_a")
-    before = resident()
+    before = footprint().resident
     forget_peak()
     comm.Barrier()
     start = perf_counter()
@@ -181,7 +181,8 @@ def _measure_finite(case: dict, comm, seconds: float) -> dict:
         comm.Barrier()
         set_up = float(largest(comm, np.array([perf_counter() - start]))[0])
         u, nothing, force = _ready(forces, "bond")
-        after, peak = (int(n) for n in sum_integers(comm, np.array([resident() - before, peak_resident() - before])))
+        now = footprint()
+        after, peak = (int(n) for n in sum_integers(comm, np.array([now.resident - before, now.peak - before])))
     bonds, points = total_bonds(comm, model.bonds), 8 * share.counts.point_cells
     halo, rows_here = model.points.halo, sum(len(rows.offset) - 1 for rows in model.bonds.rows)
     n_rows, owned, ghosts = sum_integers(comm, np.array([rows_here, halo.n_owned, halo.n_ghost])).tolist()

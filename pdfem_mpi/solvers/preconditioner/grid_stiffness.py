@@ -21,6 +21,7 @@ from pdfem_mpi.solvers.preconditioner.grid_cells import GridCells
 from pdfem_mpi.solvers.preconditioner.levels import DAMPING, LastLevel, Level, factorise
 from pdfem_mpi.solvers.preconditioner.nested_grids import number_in
 from pdfem_mpi.solvers.preconditioner.spread import spread_by_claims, with_copies
+from pdfem_mpi.system.heap import large_arrays_apart
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -138,8 +139,9 @@ def make_last(comm, cells: GridCells, ratios: np.ndarray, spring: float) -> Last
     nowhere = np.empty(0, np.int64)
     if comm.rank > 0:
         return LastLevel(nowhere, None, np.empty((0, 0)))
-    number, matrix = whole_stiffness(cells, ratios, spring)
-    return LastLevel(np.flatnonzero(number >= 0), factorise(matrix, number, cells.counts), np.empty((0, 0)))
+    with large_arrays_apart():  # rank 0 alone has these, one after the other
+        number, matrix = whole_stiffness(cells, ratios, spring)
+        return LastLevel(np.flatnonzero(number >= 0), factorise(matrix, number, cells.counts), np.empty((0, 0)))
 
 
 def whole_stiffness(cells: GridCells, ratios: np.ndarray, spring: float) -> tuple[np.ndarray, sparse.csc_array]:
@@ -161,9 +163,10 @@ def whole_stiffness(cells: GridCells, ratios: np.ndarray, spring: float) -> tupl
     stiffness = cell_stiffness(cells.moments[active], cells.h, ratios, spring)
 
     dofs = (3 * corners[:, :, None] + np.arange(3)).reshape(-1, 24).astype(np.int32)  # a quarter of the peak less
-    rows = np.repeat(dofs, 24, axis=1).reshape(-1)
-    columns = np.tile(dofs, (1, 24)).reshape(-1)
-    matrix = sparse.coo_array((stiffness.reshape(-1), (rows, columns)), shape=(3 * len(used),) * 2).tocsc()
+    places = np.repeat(dofs, 24, axis=1).reshape(-1), np.tile(dofs, (1, 24)).reshape(-1)
+    matrix = sparse.coo_array((stiffness.reshape(-1), places), shape=(3 * len(used),) * 2)
+    del stiffness, places  # with the next line all terms but their sums are gone
+    matrix = matrix.tocsc()
     diagonal, around = matrix.diagonal(), np.zeros(len(used))
     np.maximum.at(around, corners, cells.stiffest[active][:, None])
     around = np.repeat(around, 3)

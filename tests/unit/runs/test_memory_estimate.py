@@ -1,5 +1,6 @@
 """A scene that does not fit into memory is refused before anything is allocated; the estimate is near the truth."""
 
+import json
 import sys
 from types import SimpleNamespace
 from unittest.mock import patch
@@ -30,6 +31,7 @@ HALF_AS_LONG = ("mesh.lower=[-2.5, -0.2, -0.2]", "mesh.upper=[2.5, 0.2, 0.2]")
 
 # Set-up in a process of its own: what is resident is then the scene's.
 MEASURE = """
+import json
 import sys
 from pdfem_mpi.system import launcher as launch
 launch.prepare_environment()
@@ -38,15 +40,16 @@ from pdfem_mpi.deck.toml import read_deck
 from pdfem_mpi.body.cutting import share_of
 from pdfem_mpi.runs.compilation import compile_kernels
 from pdfem_mpi.parallel.comm import mpi
+from pdfem_mpi.system.process_memory import footprint, forget_peak
 from support.bodies import build
 compile_kernels()
 scene = read_deck(sys.argv[1], sys.argv[2:])
 share = share_of(scene, mpi().COMM_SELF)
 need = memory.check_model(scene, share, mpi().COMM_SELF)
-before = memory.resident()
-memory.forget_peak()
+before = footprint().resident
+forget_peak()
 body = build(scene)
-print(need.bytes, memory.peak_resident() - before)
+print(need.bytes, footprint().peak - before)
 """
 
 
@@ -141,3 +144,53 @@ def test_the_estimate_is_near_what_becomes_resident(deck, overrides):
     assert answer.returncode == 0, answer.stderr
     estimated, measured = map(float, answer.stdout.split())
     assert estimated == pytest.approx(measured, rel=NEAR), (estimated, measured)
+
+
+#: Of 6 x 6 x 6 cells of bonds a rank: what `check` promises, and how far a peak on 32 ranks may be above that on 8.
+NEAR_PEAK, MORE_ON_32 = 0.25, 1.15
+EDGES = {1: (1, 1, 1), 8: (2, 2, 2), 32: (4, 4, 2)}
+
+
+def private_peaks(ranks, out):
+    """Estimated bytes of each rank of a run by the command line, and what its private memory grew by."""
+    settings = {
+        "mesh.lower": [0.0, 0.0, 0.0],
+        "mesh.upper": [round(0.3 * n, 6) for n in EDGES[ranks]],
+        "mesh.spacing": 0.05,
+        "output.fields": "false",
+        "output.figures": "false",
+        "probes": [],
+        "peridynamics.surface_correction": '"none"',
+        "solver.kind": '"cg"',
+        "solver.tolerance": 1e-3,
+    }
+    pairs = [f"--set={key}={value}" for key, value in settings.items()]
+    several = ["-n", ranks] if ranks > 1 else []
+    deck = ROOT / "jobs" / "bar_pd.toml"
+    answer = run_python("-m", "pdfem_mpi", "run", deck, *pairs, *several, "--out", out, timeout=300)
+    assert answer.returncode == 0, answer.stdout + answer.stderr
+    said = json.loads((out / "summary.json").read_text(encoding="utf-8"))["memory"]
+    names = ("estimated", "private_peak", "private_before_set_up")
+    estimated, peak, start = (np.array(said[f"{name}_bytes_per_rank"]) for name in names)
+    assert len(estimated) == ranks
+    return estimated, peak - start
+
+
+def assert_near(estimated, peaks):
+    """The mean over the ranks, and the largest."""
+    assert estimated.mean() == pytest.approx(peaks.mean(), rel=NEAR_PEAK), (estimated, peaks)
+    assert estimated.max() == pytest.approx(peaks.max(), rel=NEAR_PEAK), (estimated, peaks)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="private memory is read from /proc")
+def test_the_estimate_is_near_the_private_peak_of_a_run_on_eight_ranks(tmp_path):
+    assert_near(*private_peaks(8, tmp_path / "run"))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="private memory is read from /proc")
+def test_private_peaks_hardly_grow_with_the_ranks(tmp_path):
+    found = {ranks: private_peaks(ranks, tmp_path / f"{ranks}") for ranks in (1, 8, 32)}
+    for estimated, peaks in found.values():
+        assert_near(estimated, peaks)
+    assert found[32][1].mean() < MORE_ON_32 * found[8][1].mean()

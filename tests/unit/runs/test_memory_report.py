@@ -192,17 +192,17 @@ def test_freed_arrays_of_set_up_go_back_to_the_system():
     """A small array behind each large one would keep its pages in the heap; in a process whose heap is new."""
     script = """
 import numpy as np
-from pdfem_mpi.runs.memory_estimate import resident
 from pdfem_mpi.system.heap import APART, large_arrays_apart
+from pdfem_mpi.system.process_memory import footprint
 with large_arrays_apart():
-    before = resident()
+    before = footprint().resident
     large, small = [], []
     for _ in range(64):
         large.append(np.ones(APART // 8))
         small.append(np.ones(1 << 13))
-    grown = resident() - before
+    grown = footprint().resident - before
     del large
-    print(grown, resident() - before)
+    print(grown, footprint().resident - before)
 """
     grown, left = map(int, run_python("-c", script).stdout.split())
     assert grown > 48 << 20

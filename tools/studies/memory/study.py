@@ -70,7 +70,8 @@ def row(summary, seconds):
     memory = summary["memory"]
     sizes = memory["array_bytes"]
     groups = [sum(sizes.get(part, 0) for part in parts) for parts in GROUPS.values()]
-    start, estimated, peak = (memory[f"{name}_bytes_per_rank"][0] for name in ("before_set_up", "estimated", "peak"))
+    names = ("private_before_set_up", "estimated", "private_peak")
+    start, estimated, peak = (memory[f"{name}_bytes_per_rank"][0] for name in names)
     return [
         f"{summary['counts']['undirected_bonds']:,}",
         *(show(size) for size in (*groups, sum(sizes.values()), estimated, peak - start)),

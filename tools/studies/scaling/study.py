@@ -10,6 +10,8 @@ import argparse
 import tempfile
 from pathlib import Path
 
+import numpy as np
+
 from tools.studies.series import DOCS, fill, run_deck, summary_of, table
 
 #: Cells along an edge of a rank's cube, and their length.
@@ -31,7 +33,8 @@ GROUPS = {
 }
 HEADER = [
     "solver", "ranks", "bonds of a rank, max / mean", "evaluations", *(f"{name}, KiB a rank" for name in GROUPS),
-    "all arrays, MiB a rank", "estimated, MiB, max", "peak above start, MiB, mean / max",
+    "all arrays, MiB a rank", "estimated, MiB, mean / max", "private peak above start, MiB, mean / max",
+    "resident, MiB, mean / max",
 ]  # fmt: skip
 
 
@@ -72,16 +75,20 @@ def row(summary: dict) -> list[str]:
     memory, ranks = summary["memory"], summary["ranks"]
     sizes, bonds = memory["array_bytes"], summary["bonds_per_rank"]
     groups = (sum(sizes.get(part, 0) for part in parts) / ranks for parts in GROUPS.values())
-    peaks = [
-        peak - start
-        for peak, start in zip(memory["peak_bytes_per_rank"], memory["before_set_up_bytes_per_rank"], strict=True)
-    ]
+    private, resident = (
+        np.array(memory[f"{kind}peak_bytes_per_rank"]) - memory[f"{kind}before_set_up_bytes_per_rank"]
+        for kind in ("private_", "")
+    )
     return [
         f"{ranks}",
         f"{max(bonds):,} / {sum(bonds) // ranks:,}",
         f"{summary['solve']['evaluations']}",
         *(f"{size / 2**10:,.0f}" for size in groups),
         f"{sum(sizes.values()) / ranks / 2**20:.1f}",
-        f"{max(memory['estimated_bytes_per_rank']) / 2**20:.1f}",
-        f"{sum(peaks) / ranks / 2**20:.1f} / {max(peaks) / 2**20:.1f}",
+        *(mean_and_most(sizes) for sizes in (np.array(memory["estimated_bytes_per_rank"]), private, resident)),
     ]
+
+
+def mean_and_most(sizes: np.ndarray) -> str:
+    """Of the ranks, in MiB."""
+    return f"{sizes.mean() / 2**20:.1f} / {sizes.max() / 2**20:.1f}"
