@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pdfem_mpi import open_run
 from tools.studies.experiments.cases import FOLDER
-from tools.studies.experiments.curves import STABLE
+from tools.studies.experiments.curves import told_peak
 from tools.studies.series import summary_of
 
 #: The decks' materials: E, f_t, G_c; the brittle one has no strength.
@@ -34,7 +34,7 @@ class Reference:
     answer : tuple of two floats
         The load between these; a formula's twice.
     column : str
-        Of history.csv, whose largest value over stable states is the load.
+        Of history.csv, whose value at the peak is the load.
     scale : float
         Of the answer's load over the column's.
     unit : str
@@ -60,12 +60,11 @@ class Reference:
         return FOLDER / self.name
 
     def load(self) -> float | None:
-        """Largest load over stable states; None where it has not ended."""
-        if summary_of(self.folder).get("exit_code") != 0:
+        """Its peak; None where it has not ended."""
+        summary = summary_of(self.folder)
+        if summary.get("exit_code") != 0:
             return None
-        history = open_run(self.folder).history
-        stable = [event in STABLE for event in history["event"]]
-        return self.scale * float(max(abs(history[self.column][stable])))
+        return self.scale * told_peak(summary["failure"]["peak"]["load"], open_run(self.folder).history, self.column)
 
 
 def stress_at_an_edge_crack(length: float, width: float = 6.0, material=ALUMINA) -> float:
@@ -120,15 +119,54 @@ def references() -> Iterator[Reference]:
 
 
 def edge_crack(length: float, h: float = 0.05) -> Reference:
-    """The strip with a crack of this length, or none."""
-    ends = [(-1.0, -1.0), (length, -1.0), (length, 1.0), (-1.0, 1.0)]
-    polygon = ", ".join(f"[{x!r}, 0.0, {z!r}]" for x, z in ends)
-    settings = {"mesh.spacing": repr(h), "mesh.upper": f"[6.0, 10.0, {h!r}]"}
+    """The strip with a crack of this length, or none.
+
+    Bonds are around the tip, elements elsewhere: the crack is a slot of a cell on either side up to them, a cut from
+    there on. Without a crack the stress is the same everywhere, and a narrow strip says as much as a wide one.
+    """
     # dead loads would tear all of the strip apart once it is past its peak
-    settings |= {"stepping.control": "energy", "stepping.end_reaction": "0.85"}
-    settings["cracks"] = f"[{{polygon = [{polygon}]}}]" if length else "[]"
+    settings = {"mesh.spacing": repr(h), "stepping.control": "energy", "stepping.end_reaction": "0.85"}
+    if length:
+        behind = max(0.0, round((length - BEHIND) / h) * h)
+        ends = [(behind - 1.0, -1.0), (length, -1.0), (length, 1.0), (behind - 1.0, 1.0)]
+        polygon = ", ".join(f"[{x!r}, 0.0, {z!r}]" for x, z in ends)
+        settings |= {"mesh.upper": f"[6.0, 10.0, {h!r}]", "cracks": f"[{{polygon = [{polygon}]}}]"}
+        settings["regions"] = "[" + ", ".join(_around_the_tip(behind, length + AHEAD)) + "]"
+        if behind:
+            corners = f"lower = [0.0, {-h!r}, 0.0], upper = [{behind!r}, {h!r}, 1.0]"
+            settings["mesh.remove"] = f'[{{kind = "box", {corners}}}]'
+    else:
+        settings |= {"mesh.lower": "[0.0, -2.0, 0.0]", "mesh.upper": f"[1.5, 2.0, {h!r}]", "cracks": "[]"}
     stress = stress_at_an_edge_crack(length)
     words = f"crack {length:g}" if length else "no crack"
     answer = (stress, stress) if length in (0.0, 1.5, 3.0) else (0.0, min(stress, 1.0))
     told = "formula" if answer[0] else "below strength and formula"
     return Reference("edge_crack", words, settings, answer, "load_factor", 1.0, "f_t", told)
+
+
+#: How far bonds reach behind and ahead of the tip of an edge crack, and above and below it, mm; in their outermost part
+#: they may not fail.
+BEHIND, AHEAD, ASIDE, RIM = 0.5, 0.9, 0.6, 0.3
+
+
+def _around_the_tip(x0: float, x1: float) -> Iterator[str]:
+    """Regions, as inline tables: bonds in x0 < x < x1, elements elsewhere."""
+    inner, last = ASIDE - RIM, x1 - RIM
+    elements = (
+        ("below", 0.0, 6.0, -10.0, -ASIDE), ("above", 0.0, 6.0, ASIDE, 10.0),
+        *([("behind", 0.0, x0, -ASIDE, ASIDE)] if x0 else []), ("ahead", x1, 6.0, -ASIDE, ASIDE),
+    )  # fmt: skip
+    held = (
+        ("rim_below", x0, x1, -ASIDE, -inner), ("rim_above", x0, x1, inner, ASIDE),
+        ("rim_ahead", last, x1, -inner, inner),
+    )  # fmt: skip
+    for model, boxes, more in (
+        ("finite_elements", elements, ""),
+        ("peridynamics", held, ", may_fail = false"),
+        ("peridynamics", (("middle", x0, last, -inner, inner),), ""),
+    ):
+        for name, left, right, low, high in boxes:
+            yield (
+                f'{{name = "{name}", model = "{model}", lower = [{left:.6g}, {low:.6g}, 0.0], '
+                f"upper = [{right:.6g}, {high:.6g}, 1.0]{more}}}"
+            )

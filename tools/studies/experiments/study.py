@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from tools.studies.experiments.cases import EXPERIMENTS, FOLDER, PATHS, Case, Experiment, cases
 from tools.studies.experiments.curves import Curve, inside, path_distance, read_curve, read_measured, read_path, rms
 from tools.studies.experiments.drawing import draw_loads, label_of
+from tools.studies.experiments.peers import PANEL, Outcome, panel_table
 from tools.studies.experiments.references import Reference, references
 from tools.studies.series import DOCS, Results, fill, parser_of, run_deck, summary_of, table
 
@@ -43,18 +44,33 @@ def row_of(case: Case) -> list[str] | None:
         return None
     measured = read_measured(experiment.measured)
     peak, at = curve.peak
-    summary = summary_of(case.folder)
-    cost = COSTS.read(case.name) or {}
-    seconds = f"{cost['processor_seconds']:,.0f}" if cost else ""
-    memory = f"{max(summary['memory']['peak_bytes_per_rank']) / 2**20:.0f}"
+    seconds = cost_of(case)
     told, error, fit = compared(curve, experiment, measured)
     words = f"cells {case.spacing:.3g}, l {case.internal:.3g}, {case.body}"
     work = f"{curve.work / (energy_of(case) * experiment.ligament * experiment.thickness):.2f}"
     fit, work = ("", "") if case.short else (fit, work)
     return [
         experiment.title, words + (f", {case.material}" if case.material else ""), told, f"{peak:,.0f} at {at:.3g}",
-        error, fit, work, seconds, memory,
+        error, fit, work, f"{seconds:,.0f}" if seconds else "", f"{memory_of(case):.0f}",
     ]  # fmt: skip
+
+
+def cost_of(case: Case | Reference) -> float:
+    """Processor seconds of a run, 0 where they were not kept."""
+    return (COSTS.read(case.name) or {}).get("processor_seconds", 0.0)
+
+
+def memory_of(case: Case) -> float:
+    """Peak memory of a run, MiB."""
+    return max(summary_of(case.folder)["memory"]["peak_bytes_per_rank"]) / 2**20
+
+
+def outcome_of(words: str, case: Case) -> Outcome | None:
+    """A run as a row beside other programs; None without one."""
+    curve = read_curve(case)
+    if curve is None:
+        return None
+    return Outcome(words, case.internal, case.spacing, *curve.peak, cost_of(case), memory_of(case))
 
 
 def energy_of(case: Case) -> float:
@@ -104,8 +120,7 @@ def paths_table(chosen: Sequence[Case]) -> list[str]:
             continue
         measured = read_measured(case.experiment.measured)
         far = "missing" if measured is None else f"{path_distance(path, measured):.1f}"
-        cost = COSTS.read(case.name) or {}
-        rows.append([case.experiment.title, f"{case.spacing:g}", far, f"{cost.get('processor_seconds', 0.0):,.0f}"])
+        rows.append([case.experiment.title, f"{case.spacing:g}", far, f"{cost_of(case):,.0f}"])
     return table(["path", "cells / mm", "largest distance from the measured path / mm", "processor s"], rows)
 
 
@@ -123,10 +138,9 @@ def references_table() -> list[str]:
         if (load := one.load()) is None:
             continue
         answer, error = against(load, *one.answer)
-        seconds = (COSTS.read(one.name) or {}).get("processor_seconds", 0.0)
         rows.append([
             f"`{one.deck}.toml`, {one.words}", f"{answer} {one.unit} ({one.told})", f"{load:.4g}", error,
-            f"{seconds:,.0f}",
+            f"{cost_of(one):,.0f}",
         ])  # fmt: skip
     return table(["reference", "answer", "ours", "error", "processor s"], rows)
 
@@ -178,6 +192,9 @@ def main(arguments: Sequence[str]) -> int:
     if options.dry_run:
         return 0
     tables = {"tests": table_of(everything), "paths": paths_table(everything)}
+    if (measured := read_measured(PANEL.measured)) is not None:
+        _, load = measured.values()
+        tables["panel"] = panel_table(float(load.max()), outcome_of)
     fill(DOCUMENT, tables | {"references": references_table(), "left": left_table(everything)})
     for experiment in EXPERIMENTS.values():
         draw(experiment, everything)
