@@ -128,9 +128,13 @@ def test_what_a_reference_says_is_told(monkeypatch):
     monkeypatch.setattr(references.Reference, "load", lambda one: 1.0)
     assert len(study.references_table()) == 2 + 8
     monkeypatch.setattr(references.Reference, "load", lambda one: None)
-    monkeypatch.setattr(study, "read_curve", lambda case: None)
-    rows = study.left_table(cases.cases(fine=True))
+    rows = study.left_table(cases.cases(fine=True), "")
     assert len(rows) == 2 + len(cases.EXPERIMENTS) + 3 and "no crack" in rows[-1]
+    told = "| `edge_crack.toml`, no crack | 1 |\n| Danish beam, normal strength | cells 10, l 10, slice | 2 |"
+    rows = study.left_table(cases.cases(fine=True), told)
+    assert rows[-1].startswith("| `edge_crack.toml` | crack 0.3;")
+    danish = next(row for row in rows if "normal strength" in row)
+    assert "cells 10, slice;" not in danish and "cells 10, half" in danish
 
 
 @pytest.mark.slow

@@ -191,6 +191,9 @@ PATHS = (
     Experiment(
         "pmma_semicircle", "PMMA half disc, 30 degrees", (1.0, 0.5), 5.0, 2.0, "load_left.force_y", "load_factor",
         "displacement / mm", 37.0, 0.38, path="y",
+        sets={"f_t 10": {"material.tensile_strength": "10.0"}, "f_t 20": {"material.tensile_strength": "20.0"},
+              "brittle bonds": {"material": "{youngs_modulus = 3000.0, poissons_ratio = 0.4, fracture_energy = 0.38}",
+                                "stepping.eta": "1e-2", "stepping.end_reaction": "0.25"}},
     ),
 )  # fmt: skip
 EXPERIMENTS = {one.name: one for one in (*TESTS, *PATHS)}
@@ -202,7 +205,7 @@ def cases(fine: bool) -> list[Case]:
     Internal lengths, other values of materials and the finer slices are compared by their peaks.
     """
     found = [Case(one, body=SLICE) for one in EXPERIMENTS.values()]
-    found += [Case(one, body=SLICE, material=name) for one in TESTS for name in one.sets]
+    found += [Case(one, body=SLICE, material=name) for one in EXPERIMENTS.values() for name in one.sets]
     found += [Case(one, body=SLICE, material=name, short=True) for one in TESTS for name in one.peaks]
     found += [Case(one, body=SLICE, length=one.other, short=True) for one in TESTS]
     found += [Case(one, level=1, body=SLICE, short=True) for one in TESTS]

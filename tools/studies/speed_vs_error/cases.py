@@ -106,7 +106,7 @@ SOFT = "bonds that soften, in a part"
 PLATE = "plate_adaptive.toml"
 #: Everywhere is up to half an inch from the pulled end, whose cells are elements.
 ALL, BOX, FOUND = "bonds everywhere", "the paper's box of bonds", 'regions = "auto"'
-#: Cells of which an eighth of the plate does not hold a whole number.
+#: Cells of which an eighth of the plate does not hold a whole number; their faces stand at odd tenths of an inch.
 WHOLE = 0.2
 
 
@@ -153,9 +153,14 @@ def plate_cases() -> list[PlateCase]:
     """Cheapest first. Found regions are for a Poisson's ratio of 1/4."""
     found = []
     for h in (WHOLE, 0.1, 0.05):
-        everywhere, box = _regions(4.0, 4.0, h == WHOLE), _regions(1.5, 2.0, h == WHOLE)
+        far, band = (3.9, 2.1) if h == WHOLE else (4.0, 2.0)
+        everywhere, box = _regions(far, far, h == WHOLE), _regions(1.5, band, h == WHOLE)
         if h != WHOLE:
-            found += [PlateCase(FOUND, h), PlateCase(FOUND, h, "growth 9", {"adaptive": "{growth = 9.0}"})]
+            found += [
+                PlateCase(FOUND, h),
+                PlateCase(FOUND, h, "no check", {"adaptive": "{widening_check = false}"}),
+                PlateCase(FOUND, h, "growth 9", {"adaptive": "{growth = 9.0}"}),
+            ]
         found += [PlateCase(BOX, h, keys=box), PlateCase(ALL, h, keys=everywhere)]
         if h != WHOLE:
             found += [PlateCase(BOX, h, THIRD, box | A_THIRD), PlateCase(ALL, h, THIRD, everywhere | A_THIRD)]

@@ -12,7 +12,7 @@ import resource
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tools.studies.series import DOCS, RUNS, Results, fill, parser_of, run_deck, summary_of, table
+from tools.studies.series import DOCS, RUNS, Results, fill, kept, parser_of, run_deck, summary_of, table
 from tools.studies.speed_vs_error.cases import ALL, FINEST, SOFT, Case, cases, plate_cases
 from tools.studies.speed_vs_error.drawing import Mark, draw
 
@@ -190,7 +190,9 @@ def marks_of_plate(rows: Sequence[Row]) -> list[Mark]:
 
 def main(arguments: Sequence[str]) -> int:
     """Run what is left, fill the tables and draw the figures."""
-    options = parser_of(__doc__, fine="the finest cells of the beam, too").parse_args(arguments)
+    options = parser_of(
+        __doc__, fine="the finest cells of the beam, too", keep="keep rows and figures whose runs are not here"
+    ).parse_args(arguments)
     wanted = [case for case in [*cases(options.fine), *plate_cases()] if options.only in case.name]
     for case in wanted:
         if row_of(case) is None:
@@ -205,7 +207,20 @@ def main(arguments: Sequence[str]) -> int:
     if found is not None:
         print(f"reference {found[0]:,.1f} N, the finest cells within {found[1]:,.1f} N of it")
     limit = found and found[0]
-    fill(DOCUMENT, {"rows": rows_table(rows, limit), "plate": plate_table(plate)})
-    draw(FIGURES / "speed_vs_error.svg", marks_of_beam(rows, limit), "error of the peak", 0.1)
-    draw(FIGURES / "speed_vs_error_plate.svg", marks_of_plate(plate), "error of first break and peak, the larger", 0.01)
+    tables = {"rows": rows_table(rows, limit), "plate": plate_table(plate)}
+    if options.keep:
+        tables = {name: kept(lines, DOCUMENT, name, 2) for name, lines in tables.items()}
+    fill(DOCUMENT, tables)
+    for name, of, marks, what, floor in (
+        ("speed_vs_error", cases(fine=False), marks_of_beam(rows, limit), "error of the peak", 0.1),
+        (
+            "speed_vs_error_plate",
+            plate_cases(),
+            marks_of_plate(plate),
+            "error of first break and peak, the larger",
+            0.01,
+        ),
+    ):
+        if not (options.keep and any(row_of(case) is None for case in of)):
+            draw(FIGURES / f"{name}.svg", marks, what, floor)
     return 0
