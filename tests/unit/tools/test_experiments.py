@@ -1,5 +1,7 @@
 """The study of experiments: its decks, what was measured, curves, paths, and the page."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -71,18 +73,6 @@ def test_a_test_does_not_see_a_snap_back():
     assert [*curve.rising()[0]] == [1.0, 2.0, 2.5] and [*curve.rising()[1]] == [1.0, 3.0, 1.0]
 
 
-def test_the_peak_is_that_which_the_program_reports():
-    """Under energy control rows stand at every tenth batch: the peak lies between two of them."""
-    history = {
-        "event": np.array(["critical", "batch", "critical", "end"]),
-        "reaction": np.array([50.0, 90.0, 60.0, 70.0]),
-        "pin.force_y": np.array([-25.0, -45.0, -30.0, -35.0]),
-    }
-    assert curves.told_peak(64.0, history, "pin.force_y") == 32.0
-    history["event"] = np.array(["batch"] * 4)
-    assert curves.told_peak(92.0, history, "pin.force_y") == 46.0
-
-
 def test_a_path_is_measured_across():
     y = np.linspace(0.0, 10.0, 11)
     path = (0.5 * y, y)
@@ -119,6 +109,22 @@ def test_formulas_of_references():
     assert references.stress_at_an_edge_crack(0.0) == 1.0
     low, high = references.loads_on_a_hole()
     assert 0.4 * high < low < high == 100.0
+
+
+def test_a_peak_that_no_row_tells_counts(monkeypatch):
+    """Rows told every so many batches miss the peak, which the summary has; the column may be a load factor."""
+    history = {
+        "event": np.array(["critical", "batch", "critical", "end"]),
+        "load_factor": np.array([1.0, 9.0, 2.0, 3.0]),
+        "reaction": np.array([10.0, 90.0, 20.0, 30.0]),
+    }
+    ended = {"exit_code": 0, "failure": {"peak": {"load": 21.0}}}
+    monkeypatch.setattr(references, "summary_of", lambda folder: ended)
+    monkeypatch.setattr(references, "open_run", lambda folder: SimpleNamespace(history=history))
+    one = references.Reference("any", "", {}, (1.0, 1.0), "load_factor", 3.0, "f_t")
+    assert one.load() == pytest.approx(3.0 * 2.1)
+    monkeypatch.setattr(references, "summary_of", lambda folder: {"exit_code": 74})
+    assert one.load() is None
 
 
 def test_what_a_reference_says_is_told(monkeypatch):

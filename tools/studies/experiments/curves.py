@@ -79,22 +79,6 @@ def read_curve(case: Case) -> Curve | None:
     return Curve(at[keep], load[keep] * case.scale, float(work))
 
 
-def told_peak(reported: float, history: dict[str, np.ndarray], column: str) -> float:
-    """The peak that a run reports, as a column of its history has it.
-
-    Under energy control the history has every tenth batch, and the program keeps the peak of all of them. The column
-    goes with the reaction: the force of the one support that moves, or the load factor.
-
-    Parameters
-    ----------
-    reported : float, dimension force
-        ``failure.peak.load`` of the summary.
-    """
-    stable = np.isin(history["event"], STABLE)
-    k = int(np.argmax(np.where(stable | ~stable.any(), history["reaction"], -np.inf)))
-    return reported * float(abs(history[column][k]) / history["reaction"][k])
-
-
 def rms(curve: Curve, measured: dict[str, np.ndarray]) -> tuple[float, float]:
     """Root mean square of the difference at the measured points over the measured peak, and the last of these points.
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pdfem_mpi import open_run
 from tools.studies.experiments.cases import FOLDER
-from tools.studies.experiments.curves import told_peak
+from tools.studies.experiments.curves import STABLE
 from tools.studies.series import summary_of
 
 #: The decks' materials: E, f_t, G_c; the brittle one has no strength.
@@ -34,7 +34,7 @@ class Reference:
     answer : tuple of two floats
         The load between these; a formula's twice.
     column : str
-        Of history.csv, whose value at the peak is the load.
+        Of history.csv: the load, in proportion to the reaction.
     scale : float
         Of the answer's load over the column's.
     unit : str
@@ -60,11 +60,19 @@ class Reference:
         return FOLDER / self.name
 
     def load(self) -> float | None:
-        """Its peak; None where it has not ended."""
+        """Largest load over stable states, whether a row tells of them or not; None where the run has not ended.
+
+        Under energy control rows are told every so many batches, and the summary's peak is that of all stable states.
+        The column is in proportion to the reaction: the load factor of dead loads, or the only force of a moved line.
+        """
         summary = summary_of(self.folder)
         if summary.get("exit_code") != 0:
             return None
-        return self.scale * told_peak(summary["failure"]["peak"]["load"], open_run(self.folder).history, self.column)
+        history = open_run(self.folder).history
+        stable = [event in STABLE for event in history["event"]]
+        column, reaction = abs(history[self.column][stable]), history["reaction"][stable]
+        top = int(column.argmax())
+        return self.scale * summary["failure"]["peak"]["load"] * float(column[top] / reaction[top])
 
 
 def stress_at_an_edge_crack(length: float, width: float = 6.0, material=ALUMINA) -> float:

@@ -18,6 +18,17 @@ from tools.studies.softening.bodies import BODIES, with_length
 
 FOLDER = RUNS / "softening_study"
 DOCUMENT = DOCS / "failure.md"
+#: How bonds go on together, and how far the rest relaxes between two batches: of three bodies at their coarse cells.
+BATCHES: dict[str, dict[str, str]] = {
+    "eta 1e-3": {"stepping.eta": "1e-3"},
+    "defaults": {},
+    "eta 1.5e-2": {"stepping.eta": "1.5e-2"},
+    "eta 2e-2": {"stepping.eta": "2e-2"},
+    "eta 3e-2": {"stepping.eta": "3e-2"},
+    "inner iterations 2": {"stepping.inner_iterations": "2"},
+    "inner iterations 3": {"stepping.inner_iterations": "3"},
+}
+PLATES = ("centre crack", "hole", "notch")
 #: One setting at a time, of the centre crack at its coarse cells.
 SETTINGS: dict[str, dict[str, str]] = {
     "defaults": {},
@@ -63,10 +74,12 @@ class Case:
 
 CASES = (
     *(Case(body, level) for level in (1, 2) for body in BODIES),
-    *(Case(body, level, brittle=True) for level in (1, 2) for body in ("centre crack", "hole", "notch")),
+    *(Case(body, level, brittle=True) for level in (1, 2) for body in PLATES),
     *(Case("centre crack", setting=setting) for setting in SETTINGS if setting != "defaults"),
+    *(Case(body, setting=setting) for body in PLATES for setting in BATCHES),
 )
-FULL = tuple(Case(body, 4) for body in ("centre crack", "hole", "notch"))
+CASES = tuple(dict.fromkeys(CASES))  # some serve two tables
+FULL = tuple(Case(body, 4) for body in PLATES)
 
 
 def deck_of(case: Case) -> Path:
@@ -85,7 +98,7 @@ def deck_of(case: Case) -> Path:
 
 def run(case: Case) -> None:
     """Run a case that has no result."""
-    sets = [f"--set={key}={value}" for key, value in SETTINGS[case.setting].items()]
+    sets = [f"--set={key}={value}" for key, value in (SETTINGS | BATCHES)[case.setting].items()]
     command = [program(), "run", str(deck_of(case)), *sets, "--out", str(case.folder), "--overwrite"]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
@@ -148,6 +161,21 @@ def settings_table() -> list[str]:
     return table(["setting", "peak / lbf", "against the defaults", "sweeps"], rows)
 
 
+def batches_table() -> list[str]:
+    """Settings of batches, and the peak and the sweeps of each body."""
+    head = ["setting", *(word for body in PLATES for word in (f"{body}: peak / lbf", "sweeps"))]
+    bases = {body: loads_of(Case(body, setting="eta 1e-3")) for body in PLATES}
+
+    def cells(body: str, setting: str) -> list[str]:
+        found, base = loads_of(Case(body, setting=setting)), bases[body]
+        if not found or not base:
+            return ["", ""]
+        change = "" if found == base else f" ({100.0 * (found['peak'] / base['peak'] - 1.0):+.1f} %)"
+        return [f"{found['peak']:,.0f}{change}", f"{found['sweeps']:,}"]
+
+    return table(head, [[setting, *(word for body in PLATES for word in cells(body, setting))] for setting in BATCHES])
+
+
 def main(arguments: Sequence[str]) -> None:
     """Run what is left and fill the tables."""
     options = parser_of(__doc__, full="cells of h/4, too").parse_args(arguments)
@@ -158,4 +186,5 @@ def main(arguments: Sequence[str]) -> None:
         if not (options.dry_run or options.report):
             run(case)
     if not options.dry_run:
-        fill(DOCUMENT, {"convergence": convergence_table(), "settings": settings_table()})
+        tables = {"convergence": convergence_table(), "settings": settings_table(), "batches": batches_table()}
+        fill(DOCUMENT, tables)
