@@ -8,6 +8,7 @@ from pathlib import Path
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from tools.studies.style import CURVES, STYLE
 
@@ -48,7 +49,8 @@ def draw(path: Path, marks: Sequence[Mark], what: str, floor: float) -> None:
         Smaller errors, in percent, stand on the lower edge.
     """
     with rc_context(STYLE | SVG):
-        figure = Figure(figsize=(10.0, 4.0), layout="constrained")
+        figure = Figure(figsize=(10.0, 4.0))
+        figure.subplots_adjust(left=0.07, right=0.99, bottom=0.12, top=0.97, wspace=0.05)
         axes = figure.subplots(1, 2, sharey=True)
         groups = dict.fromkeys(mark.group for mark in marks)
         for group, (colour, marker) in zip(groups, CURVES, strict=False):
@@ -57,9 +59,20 @@ def draw(path: Path, marks: Sequence[Mark], what: str, floor: float) -> None:
             others = [mark for mark in mine if not mark.plain]
             for one, cost in zip(axes, ("seconds", "memory"), strict=True):
                 one.plot(*_points(plain, cost, floor), color=colour, marker=marker, linewidth=0.9, label=group)
-                one.plot(*_points(others, cost, floor), color=colour, marker=marker, linestyle="", fillstyle="none")
+                one.plot(
+                    *_points(others, cost, floor),
+                    color=colour,
+                    marker=marker,
+                    linestyle="",
+                    fillstyle="none",
+                    clip_on=False,
+                )
         for one, words in zip(axes, ("processor seconds, start included", "peak memory / MiB"), strict=True):
             one.set(xscale="log", yscale="log", xlabel=words)
+            for axis in (one.xaxis, one.yaxis):
+                axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+                axis.set_minor_formatter(NullFormatter())
         axes[0].set(ylabel=f"{what} in percent", ylim=(floor, None))
         if marks:
             axes[0].legend(fontsize=7)
