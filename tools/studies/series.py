@@ -177,6 +177,25 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     return lines
 
 
+def kept(lines: Sequence[str], document: Path, name: str, columns: int) -> list[str]:
+    """A table with those rows of the document's besides that it does not have, in the document's order.
+
+    Rows are told apart by their first ``columns`` cells; new ones follow those that share their first cell.
+    """
+    text = document.read_text(encoding="utf-8").partition(f"<!-- {name}: ")[2].partition(f"<!-- end of {name} -->")[0]
+
+    def keyed(rows: Iterable[str]) -> dict[tuple[str, ...], str]:
+        return {tuple(cell.strip() for cell in row.split(" | ")[:columns]): row for row in rows}
+
+    new, old = keyed(lines[2:]), keyed([row for row in text.splitlines() if row.startswith("| ")][1:])
+    order = list(old)
+    for key in new:
+        if key not in old:
+            alike = [k for k, other in enumerate(order) if other[0] == key[0]]
+            order.insert(alike[-1] + 1 if alike else len(order), key)
+    return [*lines[:2], *(new.get(key) or old[key] for key in order)]
+
+
 def fill(document: Path, tables: Mapping[str, Sequence[str]]) -> None:
     """Write each table between its markers, ``<!-- NAME: SCRIPT -->`` and ``<!-- end of NAME -->``."""
     text = document.read_text(encoding="utf-8")

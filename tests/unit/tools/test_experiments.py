@@ -7,7 +7,7 @@ import pytest
 
 import pdfem_mpi
 from support.helpers import ROOT
-from tools.studies.experiments import cases, curves, references, study
+from tools.studies.experiments import cases, curves, peers, references, study
 
 DECKS = sorted(cases.DECKS.glob("*.toml"))
 #: A coarse slice of the Danish beam against a ligament of cohesive finite elements with the same curve (2,647 N); the
@@ -82,7 +82,7 @@ def test_a_path_is_measured_across():
 
 def test_the_page_has_the_markers_of_the_study():
     page = (ROOT / "docs" / "experiments.md").read_text(encoding="utf-8")
-    for name in ("tests", "paths", "references", "left"):
+    for name in ("tests", "panel", "paths", "references", "left"):
         assert f"<!-- {name}: tools/studies/study experiments -->" in page and f"<!-- end of {name} -->" in page
     for one in cases.EXPERIMENTS.values():
         assert f"jobs/experiments/{one.name}.toml" in page
@@ -134,9 +134,13 @@ def test_what_a_reference_says_is_told(monkeypatch):
     monkeypatch.setattr(references.Reference, "load", lambda one: 1.0)
     assert len(study.references_table()) == 2 + 8
     monkeypatch.setattr(references.Reference, "load", lambda one: None)
-    monkeypatch.setattr(study, "read_curve", lambda case: None)
-    rows = study.left_table(cases.cases(fine=True))
+    rows = study.left_table(cases.cases(fine=True), "")
     assert len(rows) == 2 + len(cases.EXPERIMENTS) + 3 and "no crack" in rows[-1]
+    told = "| `edge_crack.toml`, no crack | 1 |\n| Danish beam, normal strength | cells 10, l 10, slice | 2 |"
+    rows = study.left_table(cases.cases(fine=True), told)
+    assert rows[-1].startswith("| `edge_crack.toml` | crack 0.3;")
+    danish = next(row for row in rows if "normal strength" in row)
+    assert "cells 10, slice;" not in danish and "cells 10, half" in danish
 
 
 @pytest.mark.slow
@@ -151,6 +155,18 @@ def test_a_coarse_slice_of_the_danish_beam_is_near_cohesive_elements(tmp_path):
     stable = np.isin(history["event"], curves.STABLE)
     peak = case.scale * np.abs(history["pin.force_y"][stable]).max()
     assert abs(peak / COHESIVE - 1.0) < WITHIN
+
+
+def test_the_peer_of_the_panel_is_read_and_one_that_is_missing_is_said(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(peers, "PEER", tmp_path / "easyfea.txt")
+    assert peers.peers() == [] and "no rows of EasyFEA" in capsys.readouterr().out
+    line = "l 5, triangles of 2.5: 16,536 in all, peak 15,000 N at 0.264 mm in 60 steps, 84 s of a processor, 300 MiB\n"
+    (tmp_path / "easyfea.txt").write_text(line)
+    (found,) = peers.peers()
+    assert (found.internal, found.edge, found.peak, found.at, found.seconds) == (5.0, 2.5, 15000.0, 0.264, 84.0)
+    lines = peers.panel_table(7500.0, lambda words, case: None)
+    assert len(lines) == 3 and "| 5, 2.5 | 15,000 at 0.264 | 2.00 | 84 | 300 |" in lines[2]
+    assert {case.name for case in peers.OURS.values()} <= {case.name for case in cases.cases(fine=False)}
 
 
 def test_a_dry_run_lists_what_is_left_and_writes_nothing():

@@ -147,3 +147,13 @@ def test_a_report_fills_the_tables_of_criteria_once(monkeypatch):
     monkeypatch.setattr(failure_criterion, "draw", lambda: drawn.append(1))
     assert failure_criterion.main(["--report"]) == 0
     assert len(filled) == len(drawn) == 1
+
+
+def test_rows_without_a_new_one_are_kept(tmp_path):
+    page = tmp_path / "page.md"
+    old = series.table(["test", "model", "n"], [["a", "x", "1"], ["a", "y", "2"], ["b", "x", "3"]])
+    page.write_text("<!-- one: script -->\n" + "\n".join(old) + "\n<!-- end of one -->\n")
+    new = series.table(["test", "model", "n"], [["a", "x", "9"], ["a", "z", "4"], ["c", "x", "5"]])
+    rows = series.kept(new, page, "one", 2)
+    assert rows[2:] == ["| a | x | 9 |", "| a | y | 2 |", "| a | z | 4 |", "| b | x | 3 |", "| c | x | 5 |"]
+    assert series.kept(new, page, "none", 2) == new

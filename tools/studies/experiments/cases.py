@@ -41,6 +41,8 @@ class Experiment:
         The material is that which was identified from this very curve.
     sets : dict
         Other values of the material that sources have, as ``--set`` takes them, by their name.
+    peaks : dict
+        The same, of materials whose peak alone is compared.
     internal : float or None, dimension length
         Internal length of the deck; None: that of the cells.
     other : float
@@ -61,6 +63,7 @@ class Experiment:
     energy: float
     identified: bool = False
     sets: dict[str, dict[str, str]] = field(default_factory=dict, compare=False)
+    peaks: dict[str, dict[str, str]] = field(default_factory=dict, compare=False)
     internal: float | None = None
     other: float = 0.75
     path: str = ""
@@ -141,7 +144,7 @@ class Case:
         if self.length != 1.0:
             pairs["peridynamics.internal_length"] = repr(self.internal)
         if self.material:
-            pairs |= self.experiment.sets[self.material]
+            pairs |= (self.experiment.sets | self.experiment.peaks)[self.material]
         if self.short:
             pairs["stepping.end_reaction"] = repr(BEYOND)
         return pairs
@@ -168,6 +171,7 @@ TESTS = (
         "displacement of the arm / mm", 250.0, 0.09, path="x",
         sets={"E 20,000": {"material.youngs_modulus": "20000.0", "material.tensile_strength": "2.4",
                            "material.fracture_energy": "0.113"}},
+        peaks={"brittle bonds": {"material": "{youngs_modulus = 25850.0, fracture_energy = 0.09}"}},
     ),
     Experiment(
         "gregoire_half_notch", "Gregoire, D = 50, half notch", (4.166666666667, 2.5), 50.0, 25.0, "pin.force_y",
@@ -187,6 +191,9 @@ PATHS = (
     Experiment(
         "pmma_semicircle", "PMMA half disc, 30 degrees", (1.0, 0.5), 5.0, 2.0, "load_left.force_y", "load_factor",
         "displacement / mm", 37.0, 0.38, path="y",
+        sets={"f_t 10": {"material.tensile_strength": "10.0"}, "f_t 20": {"material.tensile_strength": "20.0"},
+              "brittle bonds": {"material": "{youngs_modulus = 3000.0, poissons_ratio = 0.4, fracture_energy = 0.38}",
+                                "stepping.eta": "1e-2", "stepping.end_reaction": "0.25"}},
     ),
 )  # fmt: skip
 EXPERIMENTS = {one.name: one for one in (*TESTS, *PATHS)}
@@ -198,7 +205,8 @@ def cases(fine: bool) -> list[Case]:
     Internal lengths, other values of materials and the finer slices are compared by their peaks.
     """
     found = [Case(one, body=SLICE) for one in EXPERIMENTS.values()]
-    found += [Case(one, body=SLICE, material=name) for one in TESTS for name in one.sets]
+    found += [Case(one, body=SLICE, material=name) for one in EXPERIMENTS.values() for name in one.sets]
+    found += [Case(one, body=SLICE, material=name, short=True) for one in TESTS for name in one.peaks]
     found += [Case(one, body=SLICE, length=one.other, short=True) for one in TESTS]
     found += [Case(one, level=1, body=SLICE, short=True) for one in TESTS]
     found += [Case(one) for one in TESTS]

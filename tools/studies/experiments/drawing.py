@@ -70,7 +70,7 @@ def _draw_paths(axes, paths, traced) -> None:
     axes.set(xlabel="x / mm", ylabel="y / mm")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title("middle of the crack")
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=7, loc="lower left")
 
 
 def label_of(case: Case, bodies: Sequence[str]) -> str:

@@ -1,7 +1,7 @@
 """Published experiments, run at two cell sizes and two internal lengths, and numerical references: docs/experiments.md.
 
 Each run has a folder in runs/experiments/. ``--fine`` adds the fine cells at half of the thickness; ``--only`` chooses
-by name. The page lists the rows that were not run.
+by name. The page lists the rows that were not run; with ``--keep`` those of its rows stay whose runs are not here.
 """
 
 from __future__ import annotations
@@ -9,14 +9,17 @@ from __future__ import annotations
 import resource
 from collections.abc import Sequence
 
-from tools.studies.experiments.cases import EXPERIMENTS, FOLDER, PATHS, Case, Experiment, cases
+from tools.studies.experiments.cases import EXPERIMENTS, FOLDER, PATHS, SLICE, Case, Experiment, cases
 from tools.studies.experiments.curves import Curve, inside, path_distance, read_curve, read_measured, read_path, rms
 from tools.studies.experiments.drawing import draw_loads, label_of
+from tools.studies.experiments.peers import PANEL, Outcome, panel_table
 from tools.studies.experiments.references import Reference, references
-from tools.studies.series import DOCS, Results, fill, parser_of, run_deck, summary_of, table
+from tools.studies.series import DOCS, Results, fill, kept, parser_of, run_deck, summary_of, table
 
 DOCUMENT = DOCS / "experiments.md"
 FIGURES = DOCS / "figures" / "experiments"
+#: So many cells of a row tell it from others.
+KEYS = {"tests": 2, "panel": 2, "paths": 2, "references": 1}
 #: What every run cost: processor seconds with start-up, and memory.
 COSTS = Results(FOLDER / "costs")
 
@@ -43,18 +46,38 @@ def row_of(case: Case) -> list[str] | None:
         return None
     measured = read_measured(experiment.measured)
     peak, at = curve.peak
-    summary = summary_of(case.folder)
-    cost = COSTS.read(case.name) or {}
-    seconds = f"{cost['processor_seconds']:,.0f}" if cost else ""
-    memory = f"{max(summary['memory']['peak_bytes_per_rank']) / 2**20:.0f}"
+    seconds = cost_of(case)
     told, error, fit = compared(curve, experiment, measured)
-    words = f"cells {case.spacing:.3g}, l {case.internal:.3g}, {case.body}"
     work = f"{curve.work / (energy_of(case) * experiment.ligament * experiment.thickness):.2f}"
     fit, work = ("", "") if case.short else (fit, work)
     return [
-        experiment.title, words + (f", {case.material}" if case.material else ""), told, f"{peak:,.0f} at {at:.3g}",
-        error, fit, work, seconds, memory,
+        experiment.title, words_of(case), told, f"{peak:,.0f} at {at:.3g}",
+        error, fit, work, f"{seconds:,.0f}" if seconds else "", f"{memory_of(case):.0f}",
     ]  # fmt: skip
+
+
+def words_of(case: Case) -> str:
+    """The model of a case."""
+    words = f"cells {case.spacing:.3g}, l {case.internal:.3g}, {case.body}"
+    return words + (f", {case.material}" if case.material else "")
+
+
+def cost_of(case: Case | Reference) -> float:
+    """Processor seconds of a run, 0 where they were not kept."""
+    return (COSTS.read(case.name) or {}).get("processor_seconds", 0.0)
+
+
+def memory_of(case: Case) -> float:
+    """Peak memory of a run, MiB."""
+    return max(summary_of(case.folder)["memory"]["peak_bytes_per_rank"]) / 2**20
+
+
+def outcome_of(words: str, case: Case) -> Outcome | None:
+    """A run as a row beside other programs; None without one."""
+    curve = read_curve(case)
+    if curve is None:
+        return None
+    return Outcome(words, case.internal, case.spacing, *curve.peak, cost_of(case), memory_of(case))
 
 
 def energy_of(case: Case) -> float:
@@ -104,9 +127,8 @@ def paths_table(chosen: Sequence[Case]) -> list[str]:
             continue
         measured = read_measured(case.experiment.measured)
         far = "missing" if measured is None else f"{path_distance(path, measured):.1f}"
-        cost = COSTS.read(case.name) or {}
-        rows.append([case.experiment.title, f"{case.spacing:g}", far, f"{cost.get('processor_seconds', 0.0):,.0f}"])
-    return table(["path", "cells / mm", "largest distance from the measured path / mm", "processor s"], rows)
+        rows.append([case.experiment.title, words_of(case), far, f"{cost_of(case):,.0f}"])
+    return table(["path", "model", "largest distance from the measured path / mm", "processor s"], rows)
 
 
 def against(load: float, low: float, high: float) -> tuple[str, str]:
@@ -123,23 +145,22 @@ def references_table() -> list[str]:
         if (load := one.load()) is None:
             continue
         answer, error = against(load, *one.answer)
-        seconds = (COSTS.read(one.name) or {}).get("processor_seconds", 0.0)
         rows.append([
             f"`{one.deck}.toml`, {one.words}", f"{answer} {one.unit} ({one.told})", f"{load:.4g}", error,
-            f"{seconds:,.0f}",
+            f"{cost:,.0f}" if (cost := cost_of(one)) else "",
         ])  # fmt: skip
     return table(["reference", "answer", "ours", "error", "processor s"], rows)
 
 
-def left_table(everything: Sequence[Case]) -> list[str]:
-    """The rows of the study that were not run, by experiment."""
+def left_table(everything: Sequence[Case], told: str) -> list[str]:
+    """The rows of the study that were not run, by experiment; ``told`` are the lines of the other tables."""
     missing: dict[str, list[str]] = {}
     for case in everything:
-        if read_curve(case) is None:
+        if f"| {case.experiment.title} | {words_of(case)} |" not in told:
             words = label_of(case, ("half", "slice")) + (", peak only" if case.short else "")
             missing.setdefault(case.experiment.title, []).append(words)
     for one in references():
-        if one.load() is None:
+        if f"| `{one.deck}.toml`, {one.words} |" not in told:
             missing.setdefault(f"`{one.deck}.toml`", []).append(one.words)
     return table(["test", "not run"], [[title, "; ".join(words)] for title, words in missing.items()])
 
@@ -167,7 +188,10 @@ def draw(experiment: Experiment, chosen: Sequence[Case]) -> None:
 
 def main(arguments: Sequence[str]) -> int:
     """Run what is left, fill the tables and draw the figures."""
-    options = parser_of(__doc__, fine="fine cells at half of the thickness, too").parse_args(arguments)
+    parser = parser_of(
+        __doc__, fine="fine cells at half of the thickness, too", keep="keep rows and figures whose runs are not here"
+    )
+    options = parser.parse_args(arguments)
     everything = cases(fine=True)
     for case in [*cases(options.fine), *references()]:
         if options.only not in case.name or summary_of(case.folder).get("exit_code") == 0:
@@ -177,8 +201,22 @@ def main(arguments: Sequence[str]) -> int:
             run(case)
     if options.dry_run:
         return 0
-    tables = {"tests": table_of(everything), "paths": paths_table(everything)}
-    fill(DOCUMENT, tables | {"references": references_table(), "left": left_table(everything)})
+    tables = {"tests": table_of(everything), "paths": paths_table(everything), "references": references_table()}
+    if (measured := read_measured(PANEL.measured)) is not None:
+        _, load = measured.values()
+        tables["panel"] = panel_table(float(load.max()), outcome_of)
+    if options.keep:
+        tables = {name: kept(lines, DOCUMENT, name, KEYS[name]) for name, lines in tables.items()}
+    told = "\n".join(line for lines in tables.values() for line in lines)
+    fill(DOCUMENT, tables | {"left": left_table(everything, told)})
     for experiment in EXPERIMENTS.values():
-        draw(experiment, everything)
+        if not (options.keep and any(read_curve(case) is None for case in whole_curves(experiment))):
+            draw(experiment, everything)
     return 0
+
+
+def whole_curves(experiment: Experiment) -> list[Case]:
+    """The runs that a figure must have to be drawn anew beside kept ones."""
+    return [
+        case for case in cases(fine=False) if case.experiment is experiment and case.body == SLICE and not case.short
+    ]
