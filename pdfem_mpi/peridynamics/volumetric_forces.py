@@ -65,21 +65,27 @@ class VolumetricForces(BondForces):
         """As of `BondForces`; bonds break in the first sweep."""
         if failure:
             failure.released_at_points = partial(released, self)
+        breaking, (first, last), sums = (failure, margin, met), self._interior(), self.qi.reshape(-1, 2, 1, W)
         yield "exchange", self.start_forward
-        yield "bonds", partial(self._sweep_dilatations, 0, failure, margin, met, self.points.halo)
+        yield "bonds", partial(self._sweep_dilatations, 0, first, *breaking)
         yield "exchange", self.finish_forward
-        yield "bonds", partial(self._sweep_dilatations, 1, failure, margin, met)
+        yield "bonds", partial(self._sweep_dilatations, 1, None, *breaking)
         if self.bonds.softened:
-            yield "bonds", partial(sum_softened, self, failure, margin, met)
-        yield "exchange", partial(self.of_points.scatter_reverse, self.qi.reshape(-1, 2, 1, W))
+            yield "bonds", partial(sum_softened, self, *breaking)
+        yield "exchange", partial(self.of_points.start_reverse, sums)
+        if last:
+            yield "bonds", partial(self._sweep_dilatations, 0, last, *breaking)
+        yield "exchange", partial(self.of_points.finish_reverse, sums)
         yield "bonds", partial(self._make_pressures, met)
         yield "exchange", partial(self.of_points.start_forward, self.q.reshape(-1, 2, 1, W))
-        yield "bonds", partial(self._sweep_forces, 0, met, self.of_points)
+        yield "bonds", partial(self._sweep_forces, 0, first, met)
         yield "exchange", partial(self.of_points.finish_forward, self.q.reshape(-1, 2, 1, W))
-        yield "bonds", partial(self._sweep_forces, 1, met)
+        yield "bonds", partial(self._sweep_forces, 1, None, met)
         if self.bonds.softened:
             yield "bonds", partial(add_softened, self, met)
         yield "exchange", self.start_reverse
+        if last:
+            yield "bonds", partial(self._sweep_forces, 0, last, met)
 
     def linearise(self, u: np.ndarray, largest_e: float) -> None:
         """As of `BondForces`."""
@@ -98,7 +104,7 @@ class VolumetricForces(BondForces):
             for kind, rows in enumerate(self.bonds.rows):
                 sweep = dilatation_sweeps.SWEEPS[True, self.series, False, self.law.is_weighted]
                 shared = *self._dilatation_arguments(kind), np.zeros(2), *for_breaking(self.bonds, None, 0.0)
-                self._call(sweep, len(rows.start) - 1, shared)
+                self._call(sweep, rows, None, shared)
             if self.bonds.softened:
                 add_dilatations(self, np.zeros(2))
             self.of_points.scatter_reverse(self.qi.reshape(-1, 2, 1, W))
@@ -137,18 +143,18 @@ class VolumetricForces(BondForces):
         law, rows = self.law, self.bonds.rows[kind]
         return *rows.arrays, self.S.reshape(-1), self.q, self.qi, table, law.weights[kind]
 
-    def _sweep_dilatations(self, kind: int, failure: Failure | None, margin, met, halo=None) -> None:
+    def _sweep_dilatations(self, kind: int, points: range | None, failure: Failure | None, margin, met) -> None:
         """Add the terms of interior (0) or boundary rows to the dilatations of their points; bonds break."""
         extremes, shared, rows = np.zeros(2), self._dilatation_arguments(kind), self.bonds.rows[kind]
         if self.tangent:
             sweep = dilatation_sweeps.CHANGES[self.series, self.law.is_weighted]
-            self._call(sweep, len(rows.start) - 1, (*shared, extremes), None, halo)
+            self._call(sweep, rows, points, (*shared, extremes))
             size = extremes[0] * self.law.largest_weight
             met[0] = max(met[0], size / (self.law.largest_weight * self.bonds.cutoff))
             return
         sweep = dilatation_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None, self.law.is_weighted]
         shared = (*shared, extremes, *for_breaking(self.bonds, failure, margin))
-        self._call(sweep, len(rows.start) - 1, shared, failure, halo)
+        self._call(sweep, rows, points, shared, failure)
         met[0] = max(met[0], extremes[0], -extremes[1])
 
     def _make_pressures(self, met: np.ndarray) -> None:
@@ -161,7 +167,7 @@ class VolumetricForces(BondForces):
             strength = 1.0 if self.bonds.finite else 2.0 * self.bonds.stiffest
             met[0] = max(met[0], 2.0 * law.largest_weight * top * strength)
 
-    def _sweep_forces(self, kind: int, met: np.ndarray, halo=None) -> None:
+    def _sweep_forces(self, kind: int, points: range | None, met: np.ndarray) -> None:
         """Add the forces of interior (0) or boundary rows of bonds."""
         extremes, rows, weighted = np.zeros(2), self.bonds.rows[kind], self.law.is_weighted
         weights = self.law.weights[kind]
@@ -173,7 +179,7 @@ class VolumetricForces(BondForces):
             sweep = volumetric_sweeps.SWEEPS[self.bonds.finite, self.series, weighted]
             shared = (*rows.arrays, *table, self.q, weights)
         self.swept.add(volumetric_sweeps.NAMES[sweep])
-        self._call(sweep, len(rows.start) - 1, shared, None, halo)
+        self._call(sweep, rows, points, shared)
         met[0] = max(met[0], extremes[0])
 
 

@@ -73,6 +73,48 @@ def test_an_iteration_of_conjugate_gradients_reduces_twice():
     assert_all(counted, more >= 5 and reductions <= 2 * more + 1, f"{reductions} reductions for {more} iterations")
 
 
+#: Of ranks in as many cubes along x, y and z: messages of a rank and evaluation, and KiB, in the mean.
+BLOCKS = {2: ((2, 1, 1), 0.0, 0.0), 4: ((2, 2, 1), 0.0, 0.0), 8: ((2, 2, 2), 0.0, 0.0), 32: ((4, 4, 2), 40.0, 0.0)}
+#: Rows of the busiest rank over the mean.
+BALANCED = 1.05
+
+
+def test_forces_travel_while_interior_rows_are_swept():
+    """As many of them come after the forces on ghosts were sent as before; all, where the rank is alone."""
+    comm = world()
+    forces = build(scene_of(comm.size), comm).forces
+    called = [getattr(phase, "func", phase).__name__ for _, phase in forces.of_bonds.phases(None, 0.0, np.zeros(2))]
+    sent = called.index("start_reverse")
+    assert_all(comm, called[sent:] == ["start_reverse", "_sweep"][: comm.size], f"{called}")
+    start = forces.of_bonds.bonds.interior.start
+    before, after = (int(start[part.stop] - start[part.start]) for part in forces.of_bonds._interior())
+    assert_all(comm, comm.size == 1 or 0.9 * after < before < 1.1 * after, f"{before} rows and {after}")
+
+
+@pytest.mark.parametrize("solver", ["cg", "adr"])
+def test_neighbours_hear_little_from_each_other(solver):
+    """Also from those at edges and corners, of cubes that fill a block; the work stays even."""
+    comm = world()
+    if comm.size not in BLOCKS:
+        pytest.skip("a block of cubes has 2, 4, 8 or 32 of them here")
+    cubes, most, kib = BLOCKS[comm.size]
+    cells = tuple(6 * n for n in cubes)
+    tolerance = {"cg": 1e-3, "adr": 0.3}[solver]
+    body = build(make_scene(cells, 0, correction="none", solver=solver, tolerance=tolerance), comm)
+    solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
+    TRAFFIC.clear()
+    (row,) = follow_load_program(body.scene, solve, None, body.state, body.case)
+    found = broadcast(comm, join(comm, TRAFFIC.copy(), 1e3, row.convergence.evaluations))
+    messages, sent = found["messages_per_evaluation"]["mean"], found["bytes_per_evaluation"]["mean"] / 2**10
+    rows = np.array([sum(len(part.offset) - 1 for part in body.model.bonds.rows)])
+    uneven = largest(comm, rows)[0] * comm.size / sum_integers(comm, rows)[0]
+    if comm.rank == 0:
+        print("\nXX", solver, comm.size, found, uneven, row.convergence.evaluations)
+    assert_all(comm, messages <= most, f"{messages} messages")
+    assert_all(comm, sent <= kib, f"{sent} KiB")
+    assert_all(comm, uneven <= BALANCED, f"{uneven} times the mean of the rows")
+
+
 def test_a_small_coarse_grid_is_on_the_first_rank_alone():
     """Others know the grid nodes around their own nodes: as many on any number of ranks."""
     comm = world()
