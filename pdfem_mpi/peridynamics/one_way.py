@@ -20,8 +20,9 @@ from pdfem_mpi.peridynamics.points import Depths, Points
 #: Rows of a pair over those of the largest pair of either rank, up to which they are few. Pairs across an edge were
 #: found to have up to 0.15, and across a face 0.6 and more.
 FEW = 0.25
-#: Turns in which pairs are settled. With one, a rank that has little takes what all its neighbours have to give.
-TURNS = 4
+#: Turns in which pairs are settled, by the distance of the ranks' numbers. With one, a rank that has little takes what
+#: all its neighbours have to give.
+TURNS = 8
 
 
 def settled(points: Points, comm, rows_at_cells: np.ndarray) -> Points | None:
@@ -59,12 +60,12 @@ def share_out(comm, neighbours: np.ndarray, rows: np.ndarray) -> tuple[np.ndarra
     least_most = np.minimum(own_most, told.there(np.full(len(both), own_most)))
     few = (both > 0) & (both <= FEW * least_most)
     taken = np.zeros(len(few), bool)
-    number = neighbours + comm.rank
-    first = (comm.rank < neighbours) == (number % 2 == 0)
+    apart = np.abs(neighbours - comm.rank)
+    first = (comm.rank < neighbours) == (apart % 2 == 0)
     load = int((2 * rows - both)[~few].sum())  # twice the rows beyond an even share
     for turn in range(TURNS):
         other = told.there(np.full(len(few), load))
-        now = few & (number % TURNS == turn)
+        now = few & (apart % TURNS == turn)
         taken[now] = np.where(load == other, first, load < other)[now]
         load += int(np.where(taken, both, -both)[now].sum())
     return few, taken
