@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from pdfem_mpi.body.boundaries import Boundaries
+
 #: What belongs to the ranks that ask, and not to the body.
 LEFT_OUT = ("comm", "everywhere")
 
@@ -20,6 +22,8 @@ def differences(one: Any, other: Any, path: str = "") -> Iterator[str]:
     elif dataclasses.is_dataclass(one):
         for name in (field.name for field in dataclasses.fields(one) if field.name not in LEFT_OUT):
             yield from differences(getattr(one, name), getattr(other, name), f"{path}.{name}")
+    elif isinstance(one, Boundaries):
+        yield from differences(vars(one), vars(other), path)
     elif isinstance(one, Mapping):
         if list(one) != list(other):
             yield f"{path}: {list(one)} and {list(other)}"
