@@ -73,7 +73,7 @@ class BondForces:
         met : float64, shape (2,)
             The first is raised to what `Bounds.bond` bounds.
         """
-        breaking, (first, last) = (failure, margin, met), self._interior()
+        breaking, (first, last) = (failure, margin, met), interior_halves(self)
         yield "exchange", self.start_forward
         yield "bonds", partial(self._sweep, self.bonds.interior, first, *breaking)
         yield "exchange", self.finish_forward
@@ -160,18 +160,6 @@ class BondForces:
         """Those of the owned points at the last evaluation, shape (n_owned * 8, 3), dimension length."""
         return point_rows(np.ascontiguousarray(self.S[: 2 * self.points.n_owned, 0:3]).reshape(-1))
 
-    def _interior(self) -> tuple[range, range]:
-        """Points whose interior rows are swept while displacements travel, and those while forces do.
-
-        All are in the first range where nothing travels, and where bonds soften: softened ones come after all others,
-        and before the forces on ghosts are sent.
-        """
-        start = self.bonds.interior.start
-        middle = n = len(start) - 1
-        if self.points.halo.neighbours and not self.bonds.softened:
-            middle = int(np.searchsorted(start, start[-1] // 2)) // OF_A_CELL * OF_A_CELL
-        return range(middle), range(middle, n)
-
     def _sweep(self, rows: Rows, points: range | None, failure, margin, met) -> None:
         """Add the forces of rows of bonds, of all points or some; parameters as of `phases`."""
         extremes = np.zeros(2)
@@ -197,6 +185,19 @@ class BondForces:
                 if failure:
                     failure.book(self.points, self.bonds, self.S)
             self.points.halo.test()
+
+
+def interior_halves(forces: BondForces) -> tuple[range, range]:
+    """Points whose interior rows are swept while displacements travel, and those while forces do.
+
+    All are in the first range where nothing travels, and where bonds soften: softened ones come after all others, and
+    before the forces on ghosts are sent.
+    """
+    start = forces.bonds.interior.start
+    middle = n = len(start) - 1
+    if forces.points.halo.neighbours and not forces.bonds.softened:
+        middle = int(np.searchsorted(start, start[-1] // 2)) // OF_A_CELL * OF_A_CELL
+    return range(middle), range(middle, n)
 
 
 def add_softened(forces: BondForces, failure: Failure | None, margin: float, met: np.ndarray) -> None:

@@ -4,7 +4,7 @@ The depth of a cell is its distance from the nearest cell of the other rank. A b
 cells: a rank then needs those cells of another that lie near to it, about half of those within the cutoff radius, and
 the two have about as many of their bonds each. The owner of a cell works its depths out and tells them to the others,
 so that both ranks compare the same numbers; which of them adds a force changes no bit of it. Where two ranks have few
-bonds with each other, one of them has all (`one_way`).
+bonds with each other, one of them has all (`few_bonds`).
 
 A bond across a mirror plane has two names, by either of its ends and the image of the other. Numbers of cells decide
 between them, so that broken bonds have the same names on any number of ranks.
@@ -17,8 +17,8 @@ from dataclasses import replace
 import numpy as np
 
 from pdfem_mpi.body.share import Share
+from pdfem_mpi.peridynamics.few_bonds import settled
 from pdfem_mpi.peridynamics.images import MirroredHalo
-from pdfem_mpi.peridynamics.one_way import settled
 from pdfem_mpi.peridynamics.points import Depths, Points, make_points
 from pdfem_mpi.peridynamics.rows import boundary_rows, rows_at_cells
 

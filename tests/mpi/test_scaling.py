@@ -16,6 +16,7 @@ from pdfem_mpi.kernels.exact_sums import SIZE
 from pdfem_mpi.parallel.comm import broadcast, largest, sum_integers, world
 from pdfem_mpi.parallel.slabs import gather_rows
 from pdfem_mpi.parallel.traffic import TRAFFIC, join
+from pdfem_mpi.peridynamics.bond_forces import interior_halves
 from pdfem_mpi.solvers.preconditioner import nested_grids
 from pdfem_mpi.solvers.preconditioner.nested_grids import grid_counts, halved
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
@@ -71,6 +72,18 @@ def test_an_iteration_of_conjugate_gradients_reduces_twice():
         counts.append((row.convergence.evaluations, counted.calls["Allreduce"]))
     more, reductions = np.diff(counts, axis=0)[0]
     assert_all(counted, more >= 5 and reductions <= 2 * more + 1, f"{reductions} reductions for {more} iterations")
+
+
+def test_forces_travel_while_interior_rows_are_swept():
+    """As many of them come after the forces on ghosts were sent as before; all before, where the rank is alone."""
+    comm = world()
+    forces = build(scene_of(comm.size), comm, loaded=False).forces.of_bonds
+    called = [getattr(phase, "func", phase).__name__ for _, phase in forces.phases(None, 0.0, np.zeros(2))]
+    sent = called.index("start_reverse")
+    assert_all(comm, called[sent:] == ["start_reverse", "_sweep"][: comm.size], f"{called}")
+    start = forces.bonds.interior.start
+    before, after = (int(start[part.stop] - start[part.start]) for part in interior_halves(forces))
+    assert_all(comm, comm.size == 1 or 0.9 * after < before < 1.1 * after, f"{before} rows and {after}")
 
 
 #: Cubes of 8 and 32 ranks along x, y and z, and what a rank sends at most, in the mean of ranks and evaluations:

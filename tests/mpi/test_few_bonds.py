@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.parallel.comm import sum_integers
-from pdfem_mpi.peridynamics.one_way import share_out
+from pdfem_mpi.peridynamics.few_bonds import share_out
 from support.bodies import build, make_scene
 from support.helpers import assert_all
 
