@@ -1,7 +1,8 @@
 """Which cells and nodes of the body a rank owns, and which it sees as ghosts.
 
-A node belongs to the owner of its lowest-numbered cell. Ghost cells are those within the cutoff radius of an owned
-cell, ghost nodes those of owned elements and overlap cells that another rank owns.
+A node belongs to one of the ranks with a cell around it, which is chosen so that few pairs of ranks have nodes in
+common that one of them owns (`node_owners`). Ghost cells are those within the cutoff radius of an owned cell, ghost
+nodes those of owned elements and overlap cells that another rank owns.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.near_places import NearPlaces
+from pdfem_mpi.kernels.exact_sums import MOST_RANKS
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.mesh.hexmesh import HexMesh
 
@@ -103,7 +105,12 @@ def by_places(found: Subdomain, mesh: HexMesh, part: MeshPart) -> Subdomain:
 
 
 def node_owners(mesh: HexMesh, carries: np.ndarray, owner: np.ndarray) -> np.ndarray:
-    """Owner of each node of the cells that carry nodes: that of the lowest of its cells; -1 for other nodes.
+    """Owner of each node of the cells that carry nodes: the first of the ranks around it; -1 for other nodes.
+
+    Ranks come in one order, so that of any two the same one owns what they share, and messages between them go one way.
+    Ranks whose numbers have an odd number of binary ones come first. Bisection numbers its halves with one digit each:
+    ranks side by side differ in it, and take turns like the squares of a chessboard. Two squares that meet at a corner
+    have one colour; of the four around an edge the two of the other colour own nothing of each other.
 
     Parameters
     ----------
@@ -111,9 +118,19 @@ def node_owners(mesh: HexMesh, carries: np.ndarray, owner: np.ndarray) -> np.nda
     owner : int32, shape (n_cells,)
     """
     found = np.full(len(mesh.nodes), -1, np.int32)
-    carriers = np.flatnonzero(carries)[::-1]
-    found[mesh.cells[carriers]] = owner[carriers, None]  # the last assignment stays: the lowest cell's
+    carriers = np.flatnonzero(carries)
+    last_first = np.argsort(_turn(owner[carriers]), kind="stable")[::-1]
+    carriers = carriers[last_first]
+    found[mesh.cells[carriers]] = owner[carriers, None]  # the last assignment stays: the first rank's
     return found
+
+
+def _turn(rank: np.ndarray) -> np.ndarray:
+    """When ranks take nodes; uint16, which sorts fast, as there are at most `MOST_RANKS`."""
+    odd = rank.astype(np.uint16)
+    for shift in (8, 4, 2, 1):
+        odd ^= odd >> np.uint16(shift)
+    return rank.astype(np.uint16) + np.uint16(MOST_RANKS) * (1 - (odd & np.uint16(1)))
 
 
 def split_nodes(mesh: HexMesh, owner_of_node: np.ndarray, cells: np.ndarray, rank: int) -> tuple[np.ndarray, ...]:

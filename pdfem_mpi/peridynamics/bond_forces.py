@@ -20,6 +20,8 @@ from pdfem_mpi.peridynamics.rows import Rows
 
 #: Points whose interior rows are swept between two looks at the messages under way.
 CHUNK = 16384
+#: Points of a cell, which are swept together.
+OF_A_CELL = 8
 
 #: What sweeps that break nothing get in place of classes, limits and records.
 NOTHING_FAILS = (
@@ -71,13 +73,16 @@ class BondForces:
         met : float64, shape (2,)
             The first is raised to what `Bounds.bond` bounds.
         """
+        breaking, (first, last) = (failure, margin, met), interior_halves(self)
         yield "exchange", self.start_forward
-        yield "bonds", partial(self._sweep, self.bonds.interior, failure, margin, met, self.points.halo)
+        yield "bonds", partial(self._sweep, self.bonds.interior, first, *breaking)
         yield "exchange", self.finish_forward
-        yield "bonds", partial(self._sweep, self.bonds.boundary, failure, margin, met)
+        yield "bonds", partial(self._sweep, self.bonds.boundary, None, *breaking)
         if self.bonds.softened:
-            yield "bonds", partial(add_softened, self, failure, margin, met)
+            yield "bonds", partial(add_softened, self, *breaking)
         yield "exchange", self.start_reverse
+        if last:
+            yield "bonds", partial(self._sweep, self.bonds.interior, last, *breaking)
 
     @property
     def _has_z(self) -> bool:
@@ -155,8 +160,8 @@ class BondForces:
         """Those of the owned points at the last evaluation, shape (n_owned * 8, 3), dimension length."""
         return point_rows(np.ascontiguousarray(self.S[: 2 * self.points.n_owned, 0:3]).reshape(-1))
 
-    def _sweep(self, rows: Rows, failure, margin, met, halo=None) -> None:
-        """Add the forces of rows of bonds; parameters as of `phases`, and a halo whose messages progress meanwhile."""
+    def _sweep(self, rows: Rows, points: range | None, failure, margin, met) -> None:
+        """Add the forces of rows of bonds, of all points or some; parameters as of `phases`."""
         extremes = np.zeros(2)
         table = self.S.reshape(-1), self.SI.reshape(-1), bond_response.constants(self.pattern)
         shared = (*rows.arrays, *table, extremes)
@@ -167,19 +172,32 @@ class BondForces:
             sweep = bond_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None]
             self.swept.add(bond_sweeps.NAMES[sweep])
             shared += for_breaking(self.bonds, failure, margin)
-        self._call(sweep, len(rows.start) - 1, shared, failure, halo)
+        self._call(sweep, rows, points, shared, failure)
         met[0] = max(met[0], extremes[0], -extremes[1])
 
-    def _call(self, sweep: Callable, n_points: int, shared: tuple, failure=None, halo=None) -> None:
-        """Call a sweep over all points in pieces, book what broke in each, and let messages progress."""
-        for start in range(0, n_points, CHUNK):
-            first, last = start, min(start + CHUNK, n_points)
+    def _call(self, sweep: Callable, rows: Rows, points: range | None, shared: tuple, failure=None) -> None:
+        """Call a sweep over points in pieces, book what broke in each, and let messages progress."""
+        points = range(len(rows.start) - 1) if points is None else points
+        for start in points[::CHUNK]:
+            first, last = start, min(start + CHUNK, points.stop)
             while first < last:
                 first = sweep(first, last, *shared)
                 if failure:
                     failure.book(self.points, self.bonds, self.S)
-            if halo is not None:
-                halo.test()
+            self.points.halo.test()
+
+
+def interior_halves(forces: BondForces) -> tuple[range, range]:
+    """Points whose interior rows are swept while displacements travel, and those while forces do.
+
+    All are in the first range where nothing travels, and where bonds soften: softened ones come after all others, and
+    before the forces on ghosts are sent.
+    """
+    start = forces.bonds.interior.start
+    middle = n = len(start) - 1
+    if forces.points.halo.neighbours and not forces.bonds.softened:
+        middle = int(np.searchsorted(start, start[-1] // 2)) // OF_A_CELL * OF_A_CELL
+    return range(middle), range(middle, n)
 
 
 def add_softened(forces: BondForces, failure: Failure | None, margin: float, met: np.ndarray) -> None:

@@ -44,9 +44,11 @@ def boundary_rows(points: Points, cutoff: float, finite: bool) -> Rows:
     return _search(points, cutoff, finite, (True,))[0]
 
 
-def cells_of(rows: Rows) -> np.ndarray:
-    """Local cells that the rows point at; int64."""
-    return np.unique(rows.offset[:-1] // np.uint32(2 * 9 * W)).astype(np.int64)
+def rows_at_cells(points: Points, rows: Rows) -> np.ndarray:
+    """How many rows point at each local cell; int64, shape (n_cells,)."""
+    of_points, at_clusters = np.zeros(len(rows.start) - 1, np.int64), np.zeros(points.n_clusters, np.int64)
+    families.count_rows(rows.start, rows.offset, of_points, at_clusters)
+    return at_clusters.reshape(-1, 2).sum(axis=1)
 
 
 def _search(points: Points, cutoff: float, finite: bool, kinds: tuple[bool, ...]) -> list[Rows]:

@@ -3,7 +3,8 @@
 The depth of a cell is its distance from the nearest cell of the other rank. A bond belongs to the deeper of its two
 cells: a rank then needs those cells of another that lie near to it, about half of those within the cutoff radius, and
 the two have about as many of their bonds each. The owner of a cell works its depths out and tells them to the others,
-so that both ranks compare the same numbers; which of them adds a force changes no bit of it.
+so that both ranks compare the same numbers; which of them adds a force changes no bit of it. Where two ranks have few
+bonds with each other, one of them has all (`few_bonds`).
 
 A bond across a mirror plane has two names, by either of its ends and the image of the other. Numbers of cells decide
 between them, so that broken bonds have the same names on any number of ranks.
@@ -17,9 +18,10 @@ import numpy as np
 
 from pdfem_mpi.body.near_places import nearest_distances
 from pdfem_mpi.body.share import Share
+from pdfem_mpi.peridynamics.few_bonds import settled
 from pdfem_mpi.peridynamics.images import MirroredHalo
 from pdfem_mpi.peridynamics.points import Depths, Points, make_points
-from pdfem_mpi.peridynamics.rows import boundary_rows, cells_of
+from pdfem_mpi.peridynamics.rows import boundary_rows, rows_at_cells
 
 
 def with_needed_ghosts(share: Share, comm, finite: bool) -> tuple[Share, Points]:
@@ -37,7 +39,11 @@ def with_needed_ghosts(share: Share, comm, finite: bool) -> tuple[Share, Points]
     subdomain, n_real = share.subdomain, points.n_owned + len(share.subdomain.ghosts)
     needed = np.zeros(len(points.cell_number), bool)
     needed[: points.n_owned] = True
-    needed[cells_of(boundary_rows(points, share.cutoff, finite))] = True
+    n_rows = rows_at_cells(points, boundary_rows(points, share.cutoff, finite))
+    if one_sided := settled(points, comm, n_rows):
+        points = one_sided
+        n_rows = rows_at_cells(points, boundary_rows(points, share.cutoff, finite))
+    needed[n_rows > 0] = True
     if points.images:
         needed[points.images.source[needed[n_real:]]] = True
     ghosts, images = needed[points.n_owned : n_real], needed[n_real:]

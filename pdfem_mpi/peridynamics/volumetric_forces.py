@@ -18,7 +18,7 @@ from pdfem_mpi.kernels.exact_sums import SIZE, add_products
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.parallel.comm import largest, sum_integers
-from pdfem_mpi.peridynamics.bond_forces import BondForces, for_breaking
+from pdfem_mpi.peridynamics.bond_forces import BondForces, for_breaking, interior_halves
 from pdfem_mpi.peridynamics.failure import Broken, Failure
 from pdfem_mpi.peridynamics.images import SCALAR, halo_for
 from pdfem_mpi.peridynamics.softened_dilatations import add_dilatations, add_softened, sum_softened
@@ -65,21 +65,27 @@ class VolumetricForces(BondForces):
         """As of `BondForces`; bonds break in the first sweep."""
         if failure:
             failure.released_at_points = partial(released, self)
+        breaking, (first, last), sums = (failure, margin, met), interior_halves(self), self.qi.reshape(-1, 2, 1, W)
         yield "exchange", self.start_forward
-        yield "bonds", partial(self._sweep_dilatations, 0, failure, margin, met, self.points.halo)
+        yield "bonds", partial(self._sweep_dilatations, 0, first, *breaking)
         yield "exchange", self.finish_forward
-        yield "bonds", partial(self._sweep_dilatations, 1, failure, margin, met)
+        yield "bonds", partial(self._sweep_dilatations, 1, None, *breaking)
         if self.bonds.softened:
-            yield "bonds", partial(sum_softened, self, failure, margin, met)
-        yield "exchange", partial(self.of_points.scatter_reverse, self.qi.reshape(-1, 2, 1, W))
-        yield "bonds", partial(self._make_pressures, met)
+            yield "bonds", partial(sum_softened, self, *breaking)
+        yield "exchange", partial(self.of_points.start_reverse, sums)
+        if last:
+            yield "bonds", partial(self._sweep_dilatations, 0, last, *breaking)
+        yield "exchange", partial(self.of_points.finish_reverse, sums)
+        yield "bonds", partial(_make_pressures, self, met)
         yield "exchange", partial(self.of_points.start_forward, self.q.reshape(-1, 2, 1, W))
-        yield "bonds", partial(self._sweep_forces, 0, met, self.of_points)
+        yield "bonds", partial(self._sweep_forces, 0, first, met)
         yield "exchange", partial(self.of_points.finish_forward, self.q.reshape(-1, 2, 1, W))
-        yield "bonds", partial(self._sweep_forces, 1, met)
+        yield "bonds", partial(self._sweep_forces, 1, None, met)
         if self.bonds.softened:
             yield "bonds", partial(add_softened, self, met)
         yield "exchange", self.start_reverse
+        if last:
+            yield "bonds", partial(self._sweep_forces, 0, last, met)
 
     def linearise(self, u: np.ndarray, largest_e: float) -> None:
         """As of `BondForces`."""
@@ -98,11 +104,11 @@ class VolumetricForces(BondForces):
             for kind, rows in enumerate(self.bonds.rows):
                 sweep = dilatation_sweeps.SWEEPS[True, self.series, False, self.law.is_weighted]
                 shared = *self._dilatation_arguments(kind), np.zeros(2), *for_breaking(self.bonds, None, 0.0)
-                self._call(sweep, len(rows.start) - 1, shared)
+                self._call(sweep, rows, None, shared)
             if self.bonds.softened:
                 add_dilatations(self, np.zeros(2))
             self.of_points.scatter_reverse(self.qi.reshape(-1, 2, 1, W))
-            self._make_pressures(np.zeros(2))
+            _make_pressures(self, np.zeros(2))
             self.of_points.scatter_forward(self.q.reshape(-1, 2, 1, W))
         self.linearised[:] = self.q
         self.S[:, 3:6] = points.x.reshape(-1, 3, W) + self.S[:, 0:3]
@@ -137,31 +143,21 @@ class VolumetricForces(BondForces):
         law, rows = self.law, self.bonds.rows[kind]
         return *rows.arrays, self.S.reshape(-1), self.q, self.qi, table, law.weights[kind]
 
-    def _sweep_dilatations(self, kind: int, failure: Failure | None, margin, met, halo=None) -> None:
+    def _sweep_dilatations(self, kind: int, points: range | None, failure: Failure | None, margin, met) -> None:
         """Add the terms of interior (0) or boundary rows to the dilatations of their points; bonds break."""
         extremes, shared, rows = np.zeros(2), self._dilatation_arguments(kind), self.bonds.rows[kind]
         if self.tangent:
             sweep = dilatation_sweeps.CHANGES[self.series, self.law.is_weighted]
-            self._call(sweep, len(rows.start) - 1, (*shared, extremes), None, halo)
+            self._call(sweep, rows, points, (*shared, extremes))
             size = extremes[0] * self.law.largest_weight
             met[0] = max(met[0], size / (self.law.largest_weight * self.bonds.cutoff))
             return
         sweep = dilatation_sweeps.SWEEPS[self.bonds.finite, self.series, failure is not None, self.law.is_weighted]
         shared = (*shared, extremes, *for_breaking(self.bonds, failure, margin))
-        self._call(sweep, len(rows.start) - 1, shared, failure, halo)
+        self._call(sweep, rows, points, shared, failure)
         met[0] = max(met[0], extremes[0], -extremes[1])
 
-    def _make_pressures(self, met: np.ndarray) -> None:
-        """``q`` of the owned points from their sums."""
-        law, points = self.law, self.points
-        top = dilatations.make_pressures(
-            self.q, self.qi, 2 * points.n_owned, self.dilatation_quantum, law.material, law.factor, points.volume
-        )
-        if not self.tangent:  # whose forces are looked at one by one
-            strength = 1.0 if self.bonds.finite else 2.0 * self.bonds.stiffest
-            met[0] = max(met[0], 2.0 * law.largest_weight * top * strength)
-
-    def _sweep_forces(self, kind: int, met: np.ndarray, halo=None) -> None:
+    def _sweep_forces(self, kind: int, points: range | None, met: np.ndarray) -> None:
         """Add the forces of interior (0) or boundary rows of bonds."""
         extremes, rows, weighted = np.zeros(2), self.bonds.rows[kind], self.law.is_weighted
         weights = self.law.weights[kind]
@@ -173,8 +169,18 @@ class VolumetricForces(BondForces):
             sweep = volumetric_sweeps.SWEEPS[self.bonds.finite, self.series, weighted]
             shared = (*rows.arrays, *table, self.q, weights)
         self.swept.add(volumetric_sweeps.NAMES[sweep])
-        self._call(sweep, len(rows.start) - 1, shared, None, halo)
+        self._call(sweep, rows, points, shared)
         met[0] = max(met[0], extremes[0])
+
+
+def _make_pressures(forces: VolumetricForces, met: np.ndarray) -> None:
+    """``q`` of the owned points from their sums."""
+    law, points, n_owned = forces.law, forces.points, 2 * forces.points.n_owned
+    rows = forces.q, forces.qi, n_owned, forces.dilatation_quantum
+    top = dilatations.make_pressures(*rows, law.material, law.factor, points.volume)
+    if not forces.tangent:  # whose forces are looked at one by one
+        strength = 1.0 if forces.bonds.finite else 2.0 * forces.bonds.stiffest
+        met[0] = max(met[0], 2.0 * law.largest_weight * top * strength)
 
 
 def released(forces: VolumetricForces, comm, broken: Broken) -> np.ndarray:

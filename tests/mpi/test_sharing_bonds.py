@@ -5,7 +5,7 @@ import pytest
 
 from pdfem_mpi.parallel.comm import broadcast, mpi, sum_integers
 from pdfem_mpi.peridynamics.bonds import total_bonds
-from pdfem_mpi.peridynamics.rows import cells_of
+from pdfem_mpi.peridynamics.rows import rows_at_cells
 from support.bodies import build, make_scene
 from support.helpers import assert_all
 
@@ -32,7 +32,7 @@ def test_ghosts_are_those_that_bonds_reach(comm):
     """And they are fewer than the cells within the cutoff radius, which the share has."""
     body = build(make_scene((8, 6, 6), 0, correction="none"), comm, loaded=False)
     points, n = body.model.points, body.model.points.n_owned
-    reached = cells_of(body.model.bonds.boundary)
+    reached = np.flatnonzero(rows_at_cells(body.model.points, body.model.bonds.boundary))
     assert_all(comm, reached.tolist() == list(range(n, len(points.cell_number))), f"{reached}")
     assert_all(comm, points.depths is None and points.halo.n_ghost == len(body.model.subdomain.ghosts))
     ghosts = body.model.subdomain.ghosts, body.share.subdomain.ghosts
