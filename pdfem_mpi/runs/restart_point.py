@@ -129,8 +129,8 @@ def choose_start(out: Path, resume: str, overwrite: bool) -> RestartPoint:
     if not found and status == "finished":
         raise Refused(
             EXIT_NO_CHECKPOINT,
-            f"the run in {out} is finished, and no checkpoint is left to go on from. Run its deck again in another folder "
-            "(--out), or here with --overwrite.",
+            f"the run in {out} is finished, and no checkpoint is left to go on from. Run its deck again in another "
+            "folder (--out), or here with --overwrite.",
         )
     if not found:
         begun = (out / "deck.toml").exists()
