@@ -31,9 +31,7 @@ BATCHES: dict[str, dict[str, str]] = {
 PLATES = ("centre crack", "hole", "notch")
 #: One setting at a time, of the centre crack at its coarse cells.
 SETTINGS: dict[str, dict[str, str]] = {
-    "defaults": {},
-    "eta 1e-3": {"stepping.eta": "1e-3"},
-    "eta 3e-2": {"stepping.eta": "3e-2"},
+    **{name: BATCHES[name] for name in ("defaults", "eta 1e-3", "eta 3e-2")},
     "inner iterations 8": {"stepping.inner_iterations": "8"},
     "inner iterations 16": {"stepping.inner_iterations": "16"},
     "arrest tolerance 1e-4": {"stepping.arrest_tolerance": "1e-4"},
