@@ -158,7 +158,8 @@ class Events(Table):
     opening : str or None
         Under opening control, the name of a probe of kind "opening".
     report_every : int, >= 1
-        Batches between two rows of the history within an avalanche.
+        Batches between two rows of the history within an avalanche. Where bonds soften, the arrest of an avalanche of
+        fewer has no row.
     tooth_ratio : float or None, above 1 to 2, dimension 1
         Ratio of two stretches at which a bond that softens loses stiffness, one to the next. None (default): 1.25.
     times, load_factors : floats or None, dimension 1

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -86,6 +86,7 @@ class Failure:
     extent: np.ndarray = field(default_factory=lambda: nowhere())
     last_extent: np.ndarray = field(default_factory=lambda: nowhere())
     released_at_points: Callable[[Any, Broken], np.ndarray] | None = None
+    in_teeth: ClassVar[bool] = False  # whether bonds lose their stiffness in steps
     _fresh: list[Broken] = field(default_factory=list)
     _pairs: list[np.ndarray] | None = None
     _digits: np.ndarray = field(default_factory=lambda: np.zeros(SIZE, np.int64))

@@ -8,6 +8,7 @@ apart. So the books mean fracture energy times area, however far a load overshoo
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -47,6 +48,7 @@ class SofteningFailure(Failure):
     left: int = 0
     area: float = 0.0
     skipped: int = 0
+    in_teeth: ClassVar[bool] = True
     _teeth: list[np.ndarray] = field(default_factory=list)
     _moved: np.ndarray = field(default_factory=lambda: np.zeros(3, np.int64))
     _sums: np.ndarray = field(default_factory=lambda: np.zeros((2, SIZE), np.int64))

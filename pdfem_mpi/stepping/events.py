@@ -38,6 +38,8 @@ def follow_events(
 ) -> Iterator[Report]:
     """Yield a row at each critical state, arrest, switch and end, and every ``report_every`` batches. Collective.
 
+    Where bonds soften, an arrest after fewer batches has no row: the next critical state is the same at another load.
+
     Raises
     ------
     NotConverged, NotFinite
@@ -55,14 +57,15 @@ def follow_events(
         avalanche.settle()
         program["interpolated"] = 0.0
         yield ledger.row("switch")
+    evaluated = False  # whether the last evaluation is of the state as it is
     while True:
         if program["stable"]:
             if settings.times is not None:
                 yield from follow_legs(avalanche)
                 goes_on = program["leg"] < len(settings.legs)
             else:
-                goes_on = _load_to_break(avalanche)
-            program["stable"] = 0.0
+                goes_on = _load_to_break(avalanche, evaluated)
+            program["stable"], program["began"] = 0.0, program["batches"]
             if not goes_on:
                 yield ledger.row("end")
                 return
@@ -79,7 +82,9 @@ def follow_events(
         if settings.control != "load":
             program["stable"] = float(not program["adrift"])
         elif program["stable"]:
-            yield ledger.row("arrest")
+            evaluated = ledger.failure.in_teeth and program["batches"] - program["began"] < settings.report_every
+            if not evaluated:
+                yield ledger.row("arrest")
         elif broke and program["batches"] % settings.report_every == 0:
             yield ledger.row("batch")
         ledger.pause()
@@ -134,11 +139,12 @@ def _excess(ledger: Ledger) -> float:
     return ledger.excess()
 
 
-def _load_to_break(avalanche: Avalanche) -> bool:
+def _load_to_break(avalanche: Avalanche, evaluated: bool) -> bool:
     """Raise (or lower) the load until a bond is about to break; False if the program ends at or before that."""
     ledger = avalanche.ledger
     state, program, settings = ledger.state, ledger.state.program, ledger.settings
-    ledger.evaluate()
+    if not evaluated:
+        ledger.evaluate()
     avalanche.relax_to_rest()
     if program["apart"] or (program["fragments"] and ledger.carries_little()):
         return False

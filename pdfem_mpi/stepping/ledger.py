@@ -29,7 +29,7 @@ from pdfem_mpi.stepping.steps import break_bonds
 #: What ``state.program`` keeps.
 NUMBERS = (
     "work", "released", "peak", "stable", "batches", "relative", "reaction", "sweeps", "told_sweeps", "size", "adrift",
-    "cuts", "apart", "fragments", "fresh", "leg", "first_reaction", "first_displacement", "first_row",
+    "cuts", "apart", "fragments", "fresh", "leg", "began", "first_reaction", "first_displacement", "first_row",
     "peak_displacement", "peak_row", *arrest.NUMBERS,
 )  # fmt: skip
 
@@ -42,9 +42,9 @@ class Ledger:
     last evaluation; ``sweeps`` so far, and ``told_sweeps`` at the last row; ``size`` of the displacements when last
     stable; how often in a row something went ``adrift`` without breaking a bond, and steps were ``cuts``; whether the
     body came ``apart`` under a constant force; whether parts ran away under their own loads before, so that such
-    ``fragments`` are looked for; and whether the last batch broke bonds, loads were taken off since or a step was cut
-    (``fresh``). Under opening control also the largest ``opening`` so far; and the reaction, displacement and row where
-    the ``first`` bond is about to break and at the ``peak``.
+    ``fragments`` are looked for; whether the last batch broke bonds, loads were taken off since or a step was cut
+    (``fresh``); and at which batch the last avalanche ``began``. Under opening control also the largest ``opening`` so
+    far; and the reaction, displacement and row where the ``first`` bond is about to break and at the ``peak``.
     """
 
     def __init__(

@@ -212,6 +212,15 @@ def test_the_first_limit_is_met_exactly():
     assert first.reaction == pytest.approx(expected.reaction, rel=1e-12)
 
 
+def test_short_avalanches_have_no_row_of_their_arrest():
+    """Such a run meets the critical states of one that tells all, with fewer sweeps."""
+    all_told, few = (followed(soft_strip(report_every=every, end_reaction=0.6, **EDGE)) for every in (1, 10**6))
+    states = [[row.reaction for row in run.rows if row.event == "critical"] for run in (all_told, few)]
+    np.testing.assert_allclose(*states, rtol=1e-9)
+    assert "arrest" in {row.event for row in all_told.rows} - {row.event for row in few.rows}
+    assert few.body.state.program["sweeps"] < 0.8 * all_told.body.state.program["sweeps"]
+
+
 def test_a_step_ends_where_no_bond_goes_on():
     """At a held displacement bonds go on until each is below its limit."""
     run = followed(soft_strip(stepping=Steps(load_factors=(0.4, 0.6)), **EDGE))

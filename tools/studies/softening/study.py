@@ -2,7 +2,7 @@
 
 Strength and fracture energy are the material's, the internal length is the cells' edge. Brittle members have the
 critical stretch of the same fracture energy (at the coarse cells; it follows the cells). ``--full`` adds h/4. Each run
-has a folder in runs/softening_study/.
+has a folder in runs/softening_study/. With ``--keep`` those rows of the page stay whose runs are not here.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tools.studies.series import DOCS, RUNS, fill, parser_of, program, summary_of, table
+from tools.studies.series import DOCS, RUNS, fill, kept, parser_of, program, summary_of, table
 from tools.studies.softening.bodies import BODIES, with_length
 
 FOLDER = RUNS / "softening_study"
 DOCUMENT = DOCS / "failure.md"
+#: By how many cells rows of a table are told apart.
+KEYS = {"convergence": 2, "settings": 1, "batches": 1}
 #: How bonds go on together, and how far the rest relaxes between two batches: of three bodies at their coarse cells.
 BATCHES: dict[str, dict[str, str]] = {
     "eta 1e-3": {"stepping.eta": "1e-3"},
@@ -77,7 +79,7 @@ CASES = (
     *(Case(body, setting=setting) for body in PLATES for setting in BATCHES),
 )
 CASES = tuple(dict.fromkeys(CASES))  # some serve two tables
-FULL = tuple(Case(body, 4) for body in PLATES)
+FULL = tuple(Case(body, 4, brittle=brittle) for brittle in (False, True) for body in PLATES)
 
 
 def deck_of(case: Case) -> Path:
@@ -167,16 +169,18 @@ def batches_table() -> list[str]:
     def cells(body: str, setting: str) -> list[str]:
         found, base = loads_of(Case(body, setting=setting)), bases[body]
         if not found or not base:
-            return ["", ""]
+            return []
         change = "" if found == base else f" ({100.0 * (found['peak'] / base['peak'] - 1.0):+.1f} %)"
         return [f"{found['peak']:,.0f}{change}", f"{found['sweeps']:,}"]
 
-    return table(head, [[setting, *(word for body in PLATES for word in cells(body, setting))] for setting in BATCHES])
+    rows = [[setting, *(word for body in PLATES for word in cells(body, setting))] for setting in BATCHES]
+    return table(head, [row for row in rows if len(row) == len(head)])
 
 
 def main(arguments: Sequence[str]) -> None:
     """Run what is left and fill the tables."""
-    options = parser_of(__doc__, full="cells of h/4, too").parse_args(arguments)
+    parser = parser_of(__doc__, full="cells of h/4, too", keep="keep rows whose runs are not here")
+    options = parser.parse_args(arguments)
     cases = [case for case in CASES + (FULL if options.full else ()) if options.only in case.name]
     left = [case for case in cases if loads_of(case) is None]
     for case in left:
@@ -185,4 +189,6 @@ def main(arguments: Sequence[str]) -> None:
             run(case)
     if not options.dry_run:
         tables = {"convergence": convergence_table(), "settings": settings_table(), "batches": batches_table()}
+        if options.keep:
+            tables = {name: kept(lines, DOCUMENT, name, KEYS[name]) for name, lines in tables.items()}
         fill(DOCUMENT, tables)
