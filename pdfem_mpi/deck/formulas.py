@@ -36,8 +36,12 @@ def formula_problems(key: str, text: str) -> list[Problem]:
 
 
 def names_in(text: str) -> set[str]:
-    """Variables that a sound formula names."""
-    return {node.id for node in ast.walk(tree_of(text)) if isinstance(node, ast.Name)} & set(VARIABLES)
+    """Variables that a formula names; none of a text that is no formula."""
+    try:
+        tree = tree_of(text)
+    except NoFormula:
+        return set()
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)} & set(VARIABLES)
 
 
 def tree_of(text: str) -> ast.expr:

@@ -101,6 +101,15 @@ def test_a_true_rotation_needs_steps():
         parse_deck(text, "deck.toml")
 
 
+def test_a_formula_that_names_what_is_unknown_is_told_where_bonds_break():
+    text = TINY.replace("x = 0.0\ny = 0.0\nz = 0.0", 'x = "load_factor^2"').replace(
+        'kind = "cg"', 'kind = "cg"\n[stepping]\nkind = "events"'
+    )
+    text = text.replace("youngs_modulus = 1000.0", "youngs_modulus = 1000.0\ncritical_stretch = 0.01")
+    with pytest.raises(DeckError, match="names load_factor, which is unknown"):
+        parse_deck(text, "deck.toml")
+
+
 def test_each_component_follows_the_load_factor_by_itself():
     """Beside a formula of ``f``, one without it is multiplied by the load factor, as it is alone."""
     pulled = Support(face="x+", x="0.01*f**2", y="0.01*x", z=0.02)

@@ -76,3 +76,4 @@ def test_names():
     """Those of variables; every function has its meaning."""
     assert set(FUNCTIONS) == set(formula_values.FUNCTIONS)
     assert names_in("x * f + pi * sin(z)") == {"x", "f", "z"}
+    assert names_in("x * w") == names_in("x *") == set()
