@@ -1,12 +1,14 @@
 """Bodies whose bonds soften at cells h, h/2 and h/4, and with one setting changed at a time: docs/failure.md.
 
 Strength and fracture energy are the material's, the internal length is the cells' edge. Brittle members have the
-critical stretch of the same fracture energy (at the coarse cells; it follows the cells). ``--full`` adds h/4. Each run
-has a folder in runs/softening_study/. With ``--keep`` those rows of the page stay whose runs are not here.
+critical stretch of the same fracture energy (at the coarse cells; it follows the cells). ``--full`` adds peaks at h/4,
+whose runs end soon after them. Each run has a folder in runs/softening_study/. With ``--keep`` those rows of the page
+stay whose runs are not here.
 """
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,6 +20,8 @@ from tools.studies.softening.bodies import BODIES, with_length
 
 FOLDER = RUNS / "softening_study"
 DOCUMENT = DOCS / "failure.md"
+#: Of the peak, where runs end that are not followed to separation.
+PAST_PEAK = "0.85"
 #: By how many cells rows of a table are told apart.
 KEYS = {"convergence": 2, "settings": 1, "batches": 1}
 #: How bonds go on together, and how far the rest relaxes between two batches: of three bodies at their coarse cells.
@@ -67,6 +71,11 @@ class Case:
         return FOLDER / self.name
 
     @property
+    def short(self) -> bool:
+        """Whether it ends soon after its peak."""
+        return self.level == 4
+
+    @property
     def h(self) -> float:
         """Edge of its cells."""
         return BODIES[self.body].h / self.level
@@ -79,7 +88,7 @@ CASES = (
     *(Case(body, setting=setting) for body in PLATES for setting in BATCHES),
 )
 CASES = tuple(dict.fromkeys(CASES))  # some serve two tables
-FULL = tuple(Case(body, 4, brittle=brittle) for brittle in (False, True) for body in PLATES)
+FULL = tuple(Case(body, 4) for body in PLATES)
 
 
 def deck_of(case: Case) -> Path:
@@ -92,7 +101,10 @@ def deck_of(case: Case) -> Path:
     folder = FOLDER / "decks"
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{case.name}.toml"
-    path.write_text(with_length(body.write(case.h, material, folder), case.h), encoding="utf-8")
+    text = with_length(body.write(case.h, material, folder), case.h)
+    if case.short:
+        text = re.sub(r"end_reaction = \S+", f"end_reaction = {PAST_PEAK}", text)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -144,7 +156,7 @@ def convergence_table() -> list[str]:
             brittle = loads_of(Case(body, level, brittle=True))
             rows.append([
                 body, f"{case.h:g}", f"{found['first']:,.0f}", *peak(found, False), f"{found['at']:.4g}",
-                f"{found['area']:.2f}", f"{found['sweeps']:,}",
+                *(["", ""] if case.short else [f"{found['area']:.2f}", f"{found['sweeps']:,}"]),
                 f"{found['sweeps'] / brittle['sweeps']:.1f}" if brittle else "", *peak(brittle, True),
             ])  # fmt: skip
     return table(head, rows)
@@ -179,7 +191,7 @@ def batches_table() -> list[str]:
 
 def main(arguments: Sequence[str]) -> None:
     """Run what is left and fill the tables."""
-    parser = parser_of(__doc__, full="cells of h/4, too", keep="keep rows whose runs are not here")
+    parser = parser_of(__doc__, full="peaks at cells of h/4, too", keep="keep rows whose runs are not here")
     options = parser.parse_args(arguments)
     cases = [case for case in CASES + (FULL if options.full else ()) if options.only in case.name]
     left = [case for case in cases if loads_of(case) is None]
