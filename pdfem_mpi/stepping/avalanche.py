@@ -31,6 +31,9 @@ MOST_CUTS = 100
 MOST_ADRIFT = 3
 #: Sweeps of a relaxation that goes to the end, before breaks are looked for again; its residual must at least halve.
 MOST_SWEEPS, STAGNATION = 200, 0.5
+#: Where bonds soften, a relaxation between two batches ends once the residual has fallen to this part: an avalanche has
+#: many batches, each of which lets go of little.
+FALLEN = 0.3
 
 
 class Avalanche:
@@ -76,7 +79,8 @@ class Avalanche:
             arrest.forget(program)
         if not (program["goal"] or loosely):
             program["goal"] = _next_goal(ledger)
-        self._relax(settings.inner_iterations - 1 if loosely else MOST_SWEEPS)
+        fallen = FALLEN if loosely and ledger.failure.in_teeth else 0.0
+        self._relax(settings.inner_iterations - 1 if loosely else MOST_SWEEPS, fallen)
         return broke
 
     def settle(self) -> None:
@@ -91,13 +95,15 @@ class Avalanche:
         apart = bool(ledger.state.program["apart"])
         return apart or (ledger.settings.control == "load" and ledger.carries_little())
 
-    def _relax(self, sweeps: int) -> None:
-        """Some iterations of conjugate gradients; what they release is booked."""
+    def _relax(self, sweeps: int, fallen: float = 0.0) -> None:
+        """Some iterations of conjugate gradients, until the residual has fallen to that part of what it is at most;
+        what they release is booked.
+        """
         ledger = self.ledger
         state, program, case = ledger.state, ledger.state.program, ledger.case
         if ledger.finite:
             ledger.tangent.linearise(state.u, ledger.forces.bounds.bond)
-        goal = SAFETY * (program["goal"] or arrest.LOOSE) * ledger.reference
+        goal = max(SAFETY * (program["goal"] or arrest.LOOSE), fallen * program["relative"]) * ledger.reference
         try:
             tangent, preconditioner = ledger.tangent, ledger.solve.preconditioner
             first, last = cg.improve(

@@ -57,15 +57,16 @@ def follow_events(
         avalanche.settle()
         program["interpolated"] = 0.0
         yield ledger.row("switch")
-    evaluated = False  # whether the last evaluation is of the state as it is
+    if program["evaluated"]:  # before the run was stopped here
+        ledger.evaluate_again()
     while True:
         if program["stable"]:
             if settings.times is not None:
                 yield from follow_legs(avalanche)
                 goes_on = program["leg"] < len(settings.legs)
             else:
-                goes_on = _load_to_break(avalanche, evaluated)
-            program["stable"], program["began"] = 0.0, program["batches"]
+                goes_on = _load_to_break(avalanche)
+            program["stable"], program["began"], program["evaluated"] = 0.0, program["batches"], 0.0
             if not goes_on:
                 yield ledger.row("end")
                 return
@@ -82,8 +83,9 @@ def follow_events(
         if settings.control != "load":
             program["stable"] = float(not program["adrift"])
         elif program["stable"]:
-            evaluated = ledger.failure.in_teeth and program["batches"] - program["began"] < settings.report_every
-            if not evaluated:
+            few = program["batches"] - program["began"] < settings.report_every
+            program["evaluated"] = float(few and ledger.failure.in_teeth)
+            if not program["evaluated"]:
                 yield ledger.row("arrest")
         elif broke and program["batches"] % settings.report_every == 0:
             yield ledger.row("batch")
@@ -139,11 +141,11 @@ def _excess(ledger: Ledger) -> float:
     return ledger.excess()
 
 
-def _load_to_break(avalanche: Avalanche, evaluated: bool) -> bool:
+def _load_to_break(avalanche: Avalanche) -> bool:
     """Raise (or lower) the load until a bond is about to break; False if the program ends at or before that."""
     ledger = avalanche.ledger
     state, program, settings = ledger.state, ledger.state.program, ledger.settings
-    if not evaluated:
+    if not program["evaluated"]:
         ledger.evaluate()
     avalanche.relax_to_rest()
     if program["apart"] or (program["fragments"] and ledger.carries_little()):

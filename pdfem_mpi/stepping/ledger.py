@@ -29,8 +29,8 @@ from pdfem_mpi.stepping.steps import break_bonds
 #: What ``state.program`` keeps.
 NUMBERS = (
     "work", "released", "peak", "stable", "batches", "relative", "reaction", "sweeps", "told_sweeps", "size", "adrift",
-    "cuts", "apart", "fragments", "fresh", "leg", "began", "first_reaction", "first_displacement", "first_row",
-    "peak_displacement", "peak_row", *arrest.NUMBERS,
+    "cuts", "apart", "fragments", "fresh", "leg", "began", "evaluated", "first_reaction", "first_displacement",
+    "first_row", "peak_displacement", "peak_row", *arrest.NUMBERS,
 )  # fmt: skip
 
 
@@ -43,8 +43,9 @@ class Ledger:
     stable; how often in a row something went ``adrift`` without breaking a bond, and steps were ``cuts``; whether the
     body came ``apart`` under a constant force; whether parts ran away under their own loads before, so that such
     ``fragments`` are looked for; whether the last batch broke bonds, loads were taken off since or a step was cut
-    (``fresh``); and at which batch the last avalanche ``began``. Under opening control also the largest ``opening`` so
-    far; and the reaction, displacement and row where the ``first`` bond is about to break and at the ``peak``.
+    (``fresh``); at which batch the last avalanche ``began``; and whether the last evaluation is that of the stable
+    state (``evaluated``). Under opening control also the largest ``opening`` so far; and the reaction, displacement and
+    row where the ``first`` bond is about to break and at the ``peak``.
     """
 
     def __init__(
@@ -119,6 +120,13 @@ class Ledger:
         program["relative"] = math.sqrt(square) / self.reference
         self.count()
         return broke
+
+    def evaluate_again(self) -> None:
+        """`evaluate` a state whose evaluation was counted before."""
+        counts = self.state.program["sweeps"], self.forces.evaluations
+        self.evaluate()
+        self.state.program["sweeps"], self.forces.evaluations = counts
+        self.counted = self._evaluations()
 
     def opening(self) -> float:
         """The controlled opening of the state. Collective."""
