@@ -139,8 +139,8 @@ class Events(Table):
         Bonds within this fraction of their critical stretch break together with the first. 1e-2 by default where bonds
         soften.
     inner_iterations : int, >= 1
-        Sweeps of relaxation between two batches of breaks in an avalanche, fewer where the residual gets to 1e-4. 4 by
-        default where bonds soften.
+        Sweeps of relaxation between two batches of breaks in an avalanche, fewer where the residual gets to 1e-4. Where
+        bonds soften, 4 by default, and fewer where the residual falls to 0.3 of what it is.
     arrest_tolerance : float, above 0 and below 1, dimension 1
         Relative residual above which no state counts as stable; one below it does when a tenfold smaller residual
         moves neither the load of the next break nor a bond to its limit (`stepping.arrest`).
