@@ -57,8 +57,8 @@ def follow_events(
         avalanche.settle()
         program["interpolated"] = 0.0
         yield ledger.row("switch")
-    if program["evaluated"]:  # before the run was stopped here
-        ledger.evaluate_again()
+    if program["evaluated"]:
+        _evaluate_again(ledger)
     while True:
         if program["stable"]:
             if settings.times is not None:
@@ -83,13 +83,28 @@ def follow_events(
         if settings.control != "load":
             program["stable"] = float(not program["adrift"])
         elif program["stable"]:
-            few = program["batches"] - program["began"] < settings.report_every
-            program["evaluated"] = float(few and ledger.failure.in_teeth)
-            if not program["evaluated"]:
+            if _tells_arrest(ledger):
                 yield ledger.row("arrest")
         elif broke and program["batches"] % settings.report_every == 0:
             yield ledger.row("batch")
         ledger.pause()
+
+
+def _tells_arrest(ledger: Ledger) -> bool:
+    """Whether the arrest has a row; without one the last evaluation remains that of the state."""
+    program, failure = ledger.state.program, ledger.failure
+    few = program["batches"] - program["began"] < ledger.settings.report_every
+    program["evaluated"] = float(few and failure.in_teeth)
+    return not program["evaluated"]
+
+
+def _evaluate_again(ledger: Ledger) -> None:
+    """Evaluate the state of a run that was stopped after this evaluation had been counted."""
+    program, forces = ledger.state.program, ledger.forces
+    sweeps, before = program["sweeps"], forces.evaluations
+    ledger.evaluate()
+    ledger.counted -= forces.evaluations - before
+    program["sweeps"], forces.evaluations = sweeps, before
 
 
 def _start(ledger: Ledger) -> None:

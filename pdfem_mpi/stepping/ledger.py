@@ -121,13 +121,6 @@ class Ledger:
         self.count()
         return broke
 
-    def evaluate_again(self) -> None:
-        """`evaluate` a state whose evaluation was counted before."""
-        counts = self.state.program["sweeps"], self.forces.evaluations
-        self.evaluate()
-        self.state.program["sweeps"], self.forces.evaluations = counts
-        self.counted = self._evaluations()
-
     def opening(self) -> float:
         """The controlled opening of the state. Collective."""
         return self.case.opening.read(self.model.comm, self.state.u)
