@@ -27,7 +27,8 @@ REPORTS = ROOT / ".check"
 PYTEST = [sys.executable, "-m", "pytest", "-q"]
 NOTHING_COLLECTED = "exit code 5"
 TWO_AT_ONCE = ["-n", "2", "--dist", "worksteal"]
-MPI_TESTS, COUNTS = ("tests/mpi", "tests/hard"), ("tests/mpi/test_counts.py", "tests/mpi/test_scaling.py")
+MPI_TESTS, COUNTS = ("tests/mpi", "tests/hard"), ("tests/mpi/test_counts.py",)
+MANY_RANKS = (*COUNTS, "tests/mpi/test_many_ranks.py", "tests/mpi/test_scaling.py")
 TAIL_LINES = 150
 GRACE_SECONDS = 5
 SLOW_SECONDS = 7200
@@ -114,8 +115,8 @@ def stages(include_slow: bool) -> list[Stage]:
         mpi_stage(2, limit(360), f"mpi{slow} and not study", *MPI_TESTS),
         mpi_stage(4, limit(480), f"mpi{slow} and not study", *MPI_TESTS),
         # more ranks than a small body has cells to share: seconds each go into starting them
-        mpi_stage(8, 120, "mpi", *COUNTS),
-        *([mpi_stage(32, 300, "mpi", *COUNTS)] if include_slow else []),
+        mpi_stage(8, 120, "mpi", *MANY_RANKS),
+        mpi_stage(32, 300, "mpi", *(MANY_RANKS if include_slow else COUNTS)),
     ]
 
 

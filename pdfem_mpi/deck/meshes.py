@@ -216,7 +216,7 @@ class FileMesh(_Modelled):
         """A suffix that tells the format."""
         problems = self._symmetry_problems()
         if self.merge is not None and self.doubled_nodes == "crack":
-            text = f"= {show(self.merge)} makes one of nodes that doubled_nodes = \"crack\" keeps. Keep one of them."
+            text = f'= {show(self.merge)} makes one of nodes that doubled_nodes = "crack" keeps. Keep one of them.'
             problems.append(Problem("merge", text))
         if self.path.lower().endswith(MESH_SUFFIXES):
             return problems

@@ -32,6 +32,8 @@ class ElementForces:
     u : float64, shape (n_nodes, 3), dimension length
     force : int64, shape (n_nodes, 3)
         In quanta.
+    under_way : bool
+        Whether displacements travel.
     """
 
     nodes: Nodes
@@ -41,20 +43,28 @@ class ElementForces:
     def __post_init__(self):
         self.u = np.zeros((len(self.nodes.number), 3))
         self.force = np.zeros((len(self.nodes.number), 3), np.int64)
+        self.under_way = False
 
     def force_bound(self, bound: float) -> float:
         """Bound of a component of an element's force, from that of `Bounds.element`."""
         return bound * (1.0 if self.elements.finite else self.elements.bound)
 
-    def start_forward(self, u: np.ndarray) -> None:
-        """Take the displacements of the owned nodes, (n_owned, 3), send them, and clear the forces."""
+    def start_forward(self, u: np.ndarray, ghosts: np.ndarray | None) -> None:
+        """Take the displacements of the owned nodes, (n_owned, 3), and clear the forces. The others', (n_ghost, 3), are
+        taken too where they are known; else the owned ones are sent.
+        """
         self.u[: self.nodes.n_owned] = u
-        self.nodes.halo.start_forward(self.u)
+        self.under_way = ghosts is None
+        if self.under_way:
+            self.nodes.halo.start_forward(self.u)
+        else:
+            self.u[self.nodes.n_owned :] = ghosts
         self.force[:] = 0
 
     def finish_forward(self) -> None:
-        """Wait for the displacements of nodes that other ranks own."""
-        self.nodes.halo.finish_forward(self.u)
+        """Wait for the displacements of nodes that other ranks own, if they travel."""
+        if self.under_way:
+            self.nodes.halo.finish_forward(self.u)
 
     def sweep(self, quantum: float, met: np.ndarray) -> None:
         """Add the elements' forces; the second of ``met`` is raised to what `Bounds.element` bounds."""

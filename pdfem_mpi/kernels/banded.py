@@ -17,11 +17,14 @@ from numba import njit, types
 
 from pdfem_mpi.kernels.simd import W, fma, fnma, hsum, load, prefetch, splat, store
 
+#: Groups that are eliminated together, at least, before they are rounded to single precision.
+TOGETHER = 64
+
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
 
 @njit(**_options)
-def factorise_band(corners, panels, reach):
+def factorise_band(corners, panels, reach, n_eliminated):
     """Overwrite the lower triangle of a positive matrix by its factor ``L``; the diagonal is inverted.
 
     Parameters
@@ -31,6 +34,8 @@ def factorise_band(corners, panels, reach):
     panels : float64, shape (n_groups * 4 * reach,)
     reach : int
         Rows of a panel.
+    n_eliminated : int
+        So many of the groups become columns of the factor; what they take from those behind is taken.
 
     Returns
     -------
@@ -38,7 +43,7 @@ def factorise_band(corners, panels, reach):
         The first column whose pivot is not positive, or -1.
     """
     n_groups = corners.size // (W * W)
-    for g in range(n_groups):
+    for g in range(n_eliminated):
         c, p = g * W * W, g * W * reach
         for a in range(W):
             pivot = corners[c + W * a + a]
@@ -189,14 +194,25 @@ def factor_of_band(row, column, values, n):
     behind = row - W * (group + 1)  # the row in the column's panel; negative in its corner
     reach = W * (int(behind.max(initial=-1)) // W + 1)
     corners = np.tile(np.eye(W), (n_groups, 1, 1))  # of columns that only fill the last group
-    panels = np.zeros((n_groups, W, reach))
-    near = behind < 0
+    near, panels = behind < 0, np.empty((n_groups, W, reach), np.float32)
     corners[group[near], (row % W)[near], (column % W)[near]] = values[near]
-    panels[group[~near], (column % W)[~near], behind[~near]] = values[~near]
-    corners, panels = corners.reshape(-1), panels.reshape(-1)
-    if factorise_band(corners, panels, reach) >= 0:
-        raise ArithmeticError("a banded matrix is not positive")
-    return corners, panels.astype(np.float32), reach
+    # a group changes no others than the next `ahead`: in double precision are those, and the ones eliminated together
+    ahead = reach // W
+    together = max(ahead, TOGETHER)
+    window = np.zeros((together + ahead, W, reach))
+    far = np.flatnonzero(~near)
+    far = far[np.argsort(group[far], kind="stable")]
+    for first in range(0, n_groups, together):
+        kept = ahead if first else 0
+        window[:kept] = window[together : together + kept]
+        window[kept:] = 0.0
+        new = far[slice(*np.searchsorted(group[far], [first + kept, first + len(window)]))]
+        window[group[new] - first, (column % W)[new], behind[new]] = values[new]
+        here = corners[first : first + len(window)].reshape(-1)
+        if factorise_band(here, window.reshape(-1), reach, min(together, n_groups - first)) >= 0:
+            raise ArithmeticError("a banded matrix is not positive")
+        panels[first : first + together] = window[: n_groups - first][:together]
+    return corners.reshape(-1), panels.reshape(-1), reach
 
 
 def solution_of_band(corners, panels, reach, right):
@@ -209,6 +225,6 @@ def solution_of_band(corners, panels, reach, right):
 
 _f8, _int = types.float64[::1], types.int64
 SIGNATURES = {
-    factorise_band: _int(_f8, _f8, _int),
+    factorise_band: _int(_f8, _f8, _int, _int),
     solve_band: types.void(_f8, types.float32[::1], _int, _f8),
 }

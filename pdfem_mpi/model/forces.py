@@ -94,6 +94,7 @@ class Forces:
         force: np.ndarray,
         failure: Failure | None = None,
         margin: float = 0.0,
+        ghosts: np.ndarray | None = None,
     ) -> None:
         """Compute ``force = external - internal(u)``. Collective.
 
@@ -108,6 +109,8 @@ class Forces:
             Bonds beyond their critical stretch break (4), are booked, and give no force: also where it does not count.
         margin : float
             They break this fraction below it.
+        ghosts : float64, shape (n_ghost_nodes, 3), optional
+            Displacements of nodes that other ranks own, where they are known here: they do not travel.
         """
         model, bonds, nodes, unknowns = self.model, self.of_bonds, self.of_nodes, self.model.unknowns
         clock, bond_quantum = _Clock(self.seconds), 0.0
@@ -116,7 +119,7 @@ class Forces:
             self.met[:] = 0.0 if math.isfinite(np.dot(u, u)) else math.inf
         self.last = u, force
         if nodes:
-            nodes.start_forward(unknowns.of_nodes(u))
+            nodes.start_forward(unknowns.of_nodes(u), ghosts)
         if bonds:
             bond_quantum = bonds.start(unknowns.of_points(u), self.bounds.bond)
         clock.lap("other")

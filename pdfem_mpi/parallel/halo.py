@@ -31,7 +31,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class Buffers:
-    """Contiguous copies of the rows that travel, of one kind, and the calls that post their messages."""
+    """Contiguous copies of the rows that travel, of one size, and the calls that post their messages."""
 
     lent: Array
     ghosts: Array
@@ -64,8 +64,8 @@ class Halo:
         self.neighbours = tuple(sorted({rank for rank, _ in lent.parts + ghosts.parts}))
         self._comm, self._tag, self._lent, self._ghosts = comm, tag, lent, ghosts
         self._mpi = mpi()
-        self._buffers: dict[tuple, Buffers] = {}
-        self._under_way: dict[tuple, tuple[str, list[Any]]] = {}
+        self._buffers: dict[tuple, list[Buffers]] = {}  # not under way, by bytes of an entry and shape of a row
+        self._under_way: dict[tuple, tuple[str, list[Any], Buffers]] = {}
 
     def scatter_forward(self, a: Array) -> None:
         """Overwrite the ghost rows of ``a``, shape (n_owned + n_ghost, ...), by the rows of their owners."""
@@ -109,7 +109,7 @@ class Halo:
     def scatter_smallest(self, a: Array) -> None:
         """Lower the rows of owners to the smallest of their copies, entry by entry, then overwrite the copies."""
         self.start_reverse(a)
-        received = self._finish(a, "reverse").lent
+        received = self._finish(a, "reverse")
         for _, part in self._lent.parts:
             index = self._lent.index[part]
             a[index] = np.minimum(a[index], received[part])
@@ -121,7 +121,7 @@ class Halo:
 
     def finish_forward(self, a: Array) -> None:
         """Wait for the ghost rows and overwrite those of ``a``."""
-        a[self._ghosts.index] = self._finish(a, "forward").ghosts
+        a[self._ghosts.index] = self._finish(a, "forward")
 
     def start_reverse(self, a: Array) -> None:
         """Copy the ghost rows of ``a``, and send them off to their owners."""
@@ -129,13 +129,13 @@ class Halo:
 
     def finish_reverse(self, a: Array) -> None:
         """Wait for the rows that neighbours hold as ghosts and add them to the owned rows of ``a``."""
-        received = self._finish(a, "reverse").lent
+        received = self._finish(a, "reverse")
         for _, part in self._lent.parts:  # one by one: two neighbours may hold the same row
             a[self._lent.index[part]] += received[part]
 
     def test(self) -> None:
         """Let messages progress; to be called now and then between a start and its finish."""
-        for _, requests in self._under_way.values():
+        for _, requests, _ in self._under_way.values():
             self._mpi.Request.Testall(requests)
 
     def _start(self, a: Array, direction: str) -> None:
@@ -145,30 +145,31 @@ class Halo:
             raise ValueError(f"Halo: {len(a)} rows for {self.n_owned} owned and {self.n_ghost} ghost blocks.")
         if kind in self._under_way:
             raise RuntimeError(f"Halo: finish the exchange of rows {kind} before starting another.")
-        if kind not in self._buffers:
-            self._buffers[kind] = self._allocate(*kind)
-        buffers = self._buffers[kind]
+        free = self._buffers.setdefault((a.itemsize, a.shape[1:]), [])  # integers take what floats have left
+        buffers = free.pop() if free else self._allocate(*kind)
         forward = direction == "forward"
         index, out = (self._lent.index, buffers.lent) if forward else (self._ghosts.index, buffers.ghosts)
+        out = out.view(a.dtype)
         if a.flags.c_contiguous and not isinstance(index, slice):
             np.take(a, index, axis=0, out=out, mode="clip")  # twice as fast; would copy all of a strided view
         else:
             out[...] = a[index]
         TRAFFIC.messages += len(self._lent.parts if forward else self._ghosts.parts)
         TRAFFIC.sent_bytes += out.nbytes
-        self._under_way[kind] = direction, [post() for post in getattr(buffers, direction)]
+        self._under_way[kind] = direction, [post() for post in getattr(buffers, direction)], buffers
 
-    def _finish(self, a: Array, direction: str) -> Buffers:
-        """Wait for the exchange of the rows of ``a`` and return the buffers."""
+    def _finish(self, a: Array, direction: str) -> Array:
+        """Wait for the exchange of the rows of ``a`` and return those that arrived, until the next start."""
         kind = (a.dtype, a.shape[1:])
-        started, requests = self._under_way.get(kind, (None, None))
+        started, requests, buffers = self._under_way.get(kind, (None, None, None))
         if started != direction:
             raise RuntimeError(f"Halo: no {direction} exchange of rows {kind} was started.")
         began = perf_counter()
         self._mpi.Request.Waitall(requests)
         TRAFFIC.waited += perf_counter() - began
         del self._under_way[kind]
-        return self._buffers[kind]
+        self._buffers[a.itemsize, a.shape[1:]].append(buffers)
+        return (buffers.ghosts if direction == "forward" else buffers.lent).view(a.dtype)
 
     def _allocate(self, dtype: np.dtype, row_shape: tuple[int, ...]) -> Buffers:
         """Allocate buffers for one kind of row and prepare one message to and from each neighbour."""

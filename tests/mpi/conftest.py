@@ -8,6 +8,7 @@ import zlib
 import pytest
 
 from pdfem_mpi.parallel.comm import world
+from pdfem_mpi.solvers.preconditioner import nested_grids
 
 
 def pytest_generate_tests(metafunc):
@@ -40,3 +41,9 @@ def comm(request):
     group = everyone.Split(int(everyone.rank >= request.param))
     yield group
     group.Free()
+
+
+@pytest.fixture
+def small_last_grids(monkeypatch):
+    """Grids have several levels, as those of large bodies."""
+    monkeypatch.setattr(nested_grids, "MOST_UNKNOWNS", 300)

@@ -1,74 +1,100 @@
-"""Many more ranks than cores: sums, sizes, a solution and a tear are those of one rank. Also run on 8 and 32 ranks."""
+"""What ranks send and hold, on 8 and on 32 of them, oversubscribed: 216 cells a rank. By default, as they are few."""
 
 import numpy as np
 import pytest
 
-from pdfem_mpi.measure.fields import fields_sha256
-from pdfem_mpi.parallel.comm import broadcast, mpi, sum_integers, world
-from pdfem_mpi.peridynamics.bonds import total_bonds
-from pdfem_mpi.solvers.preconditioner import nested_grids
+from pdfem_mpi.kernels.exact_sums import SIZE
+from pdfem_mpi.parallel.comm import broadcast, sum_integers, world
+from pdfem_mpi.parallel.traffic import TRAFFIC, join
 from pdfem_mpi.stepping import follow_load_program, make_solver
-from support.bodies import build, make_scene
-from support.failing import followed, numbers, strip
+from support.bodies import bar_of_cubes, build, make_scene
 from support.helpers import assert_all
+from support.walking import entries_by_path
 
 pytestmark = pytest.mark.mpi
-#: 32 cells: a rank of 32 owns one of them, elements or points or both.
-SCENE = make_scene((8, 2, 2), 4, correction="none", solver="adr", tolerance=0.5)
+#: Cubes of 8 and 32 ranks along x, y and z.
+BLOCKS = {8: (2, 2, 2), 32: (4, 4, 2)}
+#: What a rank sends at most, in the mean of ranks and evaluations: messages and KiB.
+MOST_SENT = {
+    ("cg", 8): (27, 140), ("cg", 32): (40, 200),
+    ("cg, half elements", 8): (40, 200), ("cg, half elements", 32): (40, 200),
+    ("adr", 8): (12, 120), ("adr", 32): (18, 160),
+}  # fmt: skip
+#: Rows of the busiest rank over the mean.
+BALANCED = {"cg": 1.05, "cg, half elements": 1.2, "adr": 1.05}
+#: Bytes of the largest reduction: exact sums of twelve dot products at the end of a step, of four in an iteration.
+MOST_BYTES = 12 * 8 * SIZE
 
 
-def solved(comm, scene=SCENE):
-    """Numbers of bonds and unknowns, evaluations, and the digest of the fields (of rank 0 on all)."""
-    body = build(scene, comm)
+@pytest.mark.parametrize("case", BALANCED)
+def test_ranks_of_a_block_send_little_and_share_the_rows_evenly(case):
+    """Also to those at edges and corners: half of those messages go one way."""
+    comm = world()
+    if comm.size not in BLOCKS:
+        pytest.skip("a block of cubes has 8 or 32 of them")
+    cells, solver = tuple(6 * n for n in BLOCKS[comm.size]), case[: case.find(",")] if "," in case else case
+    n_elements = cells[0] // 2 if "elements" in case else 0
+    tolerance = {"cg": 1e-3, "adr": 0.3}[solver]
+    body = build(make_scene(cells, n_elements, correction="none", solver=solver, tolerance=tolerance), comm)
     solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
+    TRAFFIC.clear()
     (row,) = follow_load_program(body.scene, solve, None, body.state, body.case)
-    fields = body.fields(body.state.u)
-    owned = int(sum_integers(comm, np.array([body.model.n_unknowns]))[0])
-    digest = broadcast(comm, fields_sha256(fields) if comm.rank == 0 else None)
-    return total_bonds(comm, body.model.bonds), owned, body.forces.evaluations, row.convergence.residual, digest
+    found = broadcast(comm, join(comm, TRAFFIC.copy(), 1e3, row.convergence.evaluations))
+    sent = found["messages_per_evaluation"]["mean"], found["bytes_per_evaluation"]["mean"] / 2**10
+    most = MOST_SENT[case, comm.size]
+    assert_all(comm, sent[0] <= most[0] and sent[1] <= most[1], f"{sent} messages and KiB, {most} at most")
+    assert_all(comm, found["largest_reduction_bytes"] <= MOST_BYTES, f"{found}")
+    rows = sum(len(part.offset) - 1 for part in body.model.bonds.rows)
+    uneven = rows * comm.size / int(sum_integers(comm, np.array([rows]))[0])
+    assert_all(comm, uneven <= BALANCED[case], f"{uneven} times the mean of the rows")
 
 
-def test_a_solution_on_many_ranks_is_that_of_one():
-    comm = world()
-    together = solved(comm)
-    alone = broadcast(comm, solved(mpi().COMM_SELF) if comm.rank == 0 else None)
-    assert_all(comm, together == alone, f"{together} where one rank has {alone}")
+def walked(ranks, n_elements, comm):
+    """Entries of the arrays of a body of so many cubes on as many ranks, the largest at each path. Collective."""
+    body = build(bar_of_cubes(ranks, n_elements * ranks, tolerance=0.1), comm)
+    solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
+    list(follow_load_program(body.scene, solve, None, body.state, body.case))
+    found = entries_by_path(share=body.share, forces=body.forces, case=body.case, state=body.state, solve=solve)
+    table = {}
+    for own in comm.allgather(found):
+        for path, n in own.items():
+            table[path] = max(n, table.get(path, 0))
+    return table
 
 
-@pytest.mark.parametrize("most", [100, 30])
-def test_nested_grids_on_many_ranks_are_those_of_one(monkeypatch, most):
-    """Rows of a grid lie with their owners, ranks without any among them; the last grid has eight nodes."""
-    monkeypatch.setattr(nested_grids, "MOST_UNKNOWNS", most)
-    comm = world()
-    scene = make_scene((12, 3, 3), 5, correction="none", solver="cg", tolerance=1e-6)
-    together = solved(comm, scene)
-    alone = broadcast(comm, solved(mpi().COMM_SELF, scene) if comm.rank == 0 else None)
-    assert_all(comm, together == alone and together[2] < 40, f"{together} where one rank has {alone}")
+def at(path, table):
+    """Entries at a path or, where there is none, the most at those that begin like it: a slice takes a list's place."""
+    while path and path not in table:
+        path = path[: max(path.rfind("."), path.rfind("["), 0)]
+        inside = [n for other, n in table.items() if other.startswith(path)]
+        if inside:
+            return max(inside)
+    return table.get(path, 0)
 
 
-def test_integers_are_summed_exactly_over_all_ranks():
-    comm = world()
-    large = 2**62 // comm.size
-    found = sum_integers(comm, np.array([comm.rank, large - comm.rank, 1]))
-    expected = [comm.size * (comm.size - 1) // 2, comm.size * large - comm.size * (comm.size - 1) // 2, comm.size]
-    assert_all(comm, found.tolist() == expected, str(found))
+#: Paths whose arrays may grow: the last grid, which has so many unknowns at most, and what is in it.
+WHOLE = ".last."
+#: Entries of arrays whose number says nothing about the body: numbers of ranks, of materials, of loads.
+FEW = 64
+#: Buffers for nodes of others. A rank of a row owns the nodes on none, one or both of its ends, and of four ranks none
+#: has those of both from others: from 4 to 8 ranks they may double, and from 8 to 32 grow as little as all else.
+ENDS = ".nodes.halo._buffers"
 
 
-ROWS = 4
-
-
-def torn(comm):
-    """First rows of a coupled strip of another ratio behind a mirror plane, and its broken bonds. Collective."""
-    scene = strip(poissons_ratio=0.4, elements=2, report_every=1)  # 48 cells
-    mesh = scene.mesh.model_copy(update={"symmetry": ("z-",)})
-    run = followed(scene.model_copy(update={"mesh": mesh}), ROWS, comm)
-    pairs = np.concatenate(run.body.model.comm.allgather(run.failure.broken_pairs()))
-    return [numbers(row) for row in run.rows], sorted(map(tuple, pairs.tolist()))
-
-
-def test_bonds_of_another_ratio_break_on_many_ranks_as_on_one():
-    comm = world()
-    rows, pairs = torn(comm)
-    expected, broken = broadcast(comm, torn(mpi().COMM_SELF) if comm.rank == 0 else None)
-    assert_all(comm, rows == expected and len(rows) == ROWS, "rows differ from those of one rank")
-    assert_all(comm, pairs == broken and len(pairs) == rows[-1]["broken"] > 0, "other bonds broke than on one rank")
+@pytest.mark.usefixtures("small_last_grids")
+@pytest.mark.parametrize("n_elements", [0, 6], ids=["bonds", "elements"])
+def test_no_array_grows_with_the_body(n_elements):
+    """Of 8 and 32 ranks in a row, and of 4 and 8, with as many cells each: at most 1.5 times the entries."""
+    everyone = world()
+    if everyone.size < 8:
+        pytest.skip("inner ranks of a row are alike from four ranks on")
+    few = max(everyone.size // 4, 4)
+    group = everyone.Split(int(everyone.rank >= few))
+    smaller = walked(few, n_elements, group) if everyone.rank < few else {}
+    group.Free()
+    larger = walked(everyone.size, n_elements, everyone)
+    smaller = broadcast(everyone, smaller)
+    limits = {path: (2.0 if few == 4 and ENDS in path else 1.5) * at(path, smaller) + FEW for path in larger}
+    grown = {path: (at(path, smaller), n) for path, n in larger.items() if n > limits[path]}
+    assert_all(everyone, len(larger) > 100, f"{len(larger)} arrays were found")
+    assert_all(everyone, not [path for path in grown if WHOLE not in path], f"{grown}")

@@ -100,6 +100,11 @@ def make_scene(
     )
 
 
+def bar_of_cubes(ranks, n_elements=0, tolerance=1e-3):
+    """Return a scene of as many cubes of 6 x 6 x 6 cells as ranks, in a row."""
+    return make_scene((6 * ranks, 6, 6), n_elements, correction="none", solver="cg", tolerance=tolerance)
+
+
 @dataclass
 class Body:
     """A scene and all that a run makes of it before it solves; model units, one rank's share."""

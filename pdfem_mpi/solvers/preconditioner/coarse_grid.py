@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pdfem_mpi.body.share import Share
+from pdfem_mpi.finite_elements.nodes import Nodes
 from pdfem_mpi.kernels.dense import orthonormal_rows, product
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS, gauss_positions
 from pdfem_mpi.mesh.background_grid import CORNERS, add_moments, cell_nodes
@@ -50,11 +51,13 @@ class Grid:
     last: LastLevel
 
     def add_correction(self, r: np.ndarray, quantum: float, z: np.ndarray) -> None:
-        """``z += T C^-1 T^t r`` for the owned nodes. Collective.
+        """``z += T C^-1 T^t r`` for all nodes that the rank sees. Collective.
 
         Parameters
         ----------
-        r, z : float64, shape (n_nodes * 3,)
+        r : float64, shape (n_owned_nodes * 3,)
+        z : float64, shape (n_nodes * 3,)
+            The rank's own nodes first.
         quantum : float
             For the restriction; equal on all ranks.
         """
@@ -111,12 +114,31 @@ def make_grid(
         index = np.stack(np.unravel_index(last.nodes, of_last + 1), axis=1)
         places = share.lower + index * ((share.upper - share.lower) / of_last)
         last = replace(last, free=orthonormal_rows(product(motions, rigid_motions(places).reshape(6, -1))))
-    weights = np.ones((len(where), 8))
+    return Grid((_from_nodes(comm, nodes, where, xi, counts, (*levels, last)[0].nodes), *between), levels, last)
+
+
+def _from_nodes(
+    comm, nodes: Nodes, where: np.ndarray, xi: np.ndarray, counts: np.ndarray, owned: np.ndarray
+) -> Transfer:
+    """The way from all nodes that the rank sees to the first grid. Collective.
+
+    Parameters
+    ----------
+    where, xi : int64, shape (n_owned,), and float64, shape (n_owned, 3)
+        Grid cell of each of the rank's own nodes, and coordinates in it.
+    counts : int64, shape (3,)
+        Cells of the grid.
+    owned : int64
+        Numbers of the grid nodes of this rank, rising.
+    """
+    at = np.empty((len(nodes.number), 4))
+    at[: nodes.n_owned, 0], at[: nodes.n_owned, 1:] = where, xi
+    nodes.halo.scatter_forward(at)  # an owner may have chosen between two grid cells
+    weights = np.ones((len(at), 8))
     for d in range(3):
-        weights *= np.where(CORNERS[:, d], xi[:, d, None], 1.0 - xi[:, d, None])
-    n_nodes = int(np.prod(counts + 1))
-    first = make_transfer(comm, cell_nodes(counts, 1, where), weights, (*levels, last)[0].nodes, n_nodes)
-    return Grid((first, *between), levels, last)
+        weights *= np.where(CORNERS[:, d], at[:, 1 + d, None], 1.0 - at[:, 1 + d, None])
+    corners = cell_nodes(counts, 1, at[:, 0].astype(np.int64))
+    return make_transfer(comm, corners, weights, owned, int(np.prod(counts + 1)))
 
 
 def _make_levels(comm, cells: GridCells, n_halvings: int, ratios: np.ndarray, spring: float):

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 PIN = 1e-8
 #: Grid cells whose stiffness is made together.
 CHUNK = 1024
+#: Nodes of the last grid whose columns are made together.
+COLUMNS = 128
 #: The block of a node and itself among the 27 around it.
 DIAGONAL = 13
 _OFFSETS = np.array(list(pairs_of((-1, 0, 1), repeat=3)))
@@ -159,19 +161,31 @@ def whole_stiffness(cells: GridCells, ratios: np.ndarray, spring: float) -> tupl
     number = np.full(int(np.prod(cells.counts + 1)), -1)
     used = np.unique(corners)
     number[used] = np.arange(len(used))
-    corners = number[corners]
-    stiffness = cell_stiffness(cells.moments[active], cells.h, ratios, spring)
+    corners, moments = number[corners], cells.moments[active]
 
-    dofs = (3 * corners[:, :, None] + np.arange(3)).reshape(-1, 24).astype(np.int32)  # a quarter of the peak less
-    places = np.repeat(dofs, 24, axis=1).reshape(-1), np.tile(dofs, (1, 24)).reshape(-1)
-    matrix = sparse.coo_array((stiffness.reshape(-1), places), shape=(3 * len(used),) * 2)
-    del stiffness, places  # with the next line all terms but their sums are gone
-    matrix = matrix.tocsc()
+    def columns_of(nodes: range) -> sparse.csc_array:
+        """The terms of some nodes' columns, added in the order of the cells."""
+        here = (corners >= nodes.start) & (corners < nodes.stop)
+        some = np.flatnonzero(here.any(axis=1))
+        stiffness = cell_stiffness(moments[some], cells.h, ratios, spring)
+        dofs = (3 * corners[some, :, None] + np.arange(3)).astype(np.int32)
+        chosen, row, column = (
+            np.broadcast_to(of, stiffness.shape)
+            for of in (here[some][:, None, None, :, None], dofs[..., None, None], dofs[:, None, None])
+        )
+        places = row[chosen], column[chosen] - np.int32(3 * nodes.start)
+        return sparse.coo_array((stiffness[chosen], places), shape=(3 * len(used), 3 * len(nodes))).tocsc()
+
+    all_nodes = range(len(used))
+    matrix = sparse.hstack([columns_of(all_nodes[k : k + COLUMNS]) for k in all_nodes[::COLUMNS]], format="csc")
     diagonal, around = matrix.diagonal(), np.zeros(len(used))
     np.maximum.at(around, corners, cells.stiffest[active][:, None])
     around = np.repeat(around, 3)
-    pins = _pins(diagonal, around, (diagonal / around).mean())
-    return number, 0.5 * (matrix + matrix.T) + sparse.diags_array(pins)
+    matrix.data += matrix.T.tocsc().data  # in the same places, as blocks come whole
+    matrix.data *= 0.5
+    matrix.setdiag(diagonal + _pins(diagonal, around, (diagonal / around).mean()))
+    matrix.eliminate_zeros()
+    return number, matrix
 
 
 def _pins(diagonal: np.ndarray, stiffest: np.ndarray, mean: float) -> np.ndarray:

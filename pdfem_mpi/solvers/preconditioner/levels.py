@@ -26,7 +26,7 @@ class Transfer:
     Attributes
     ----------
     corners : int32, shape (n_nodes, 8)
-        Grid nodes around each of the rank's nodes, by their places in the halo.
+        Grid nodes around each node, the rank's own nodes first, by their places in the halo.
     weights : float64, shape (n_nodes, 8)
     halo : Halo
         Of the coarser grid's nodes: those that the rank owns, and others around its nodes.
@@ -37,9 +37,12 @@ class Transfer:
     halo: Halo
 
     def restrict(self, r: np.ndarray, quantum: float) -> np.ndarray:
-        """``T^t r``, each term rounded to the quantum; float64, shape (n_owned * 3,). Collective."""
-        sums = np.zeros((self.halo.n_owned + self.halo.n_ghost, 3), np.int64)
-        restrict(self.corners, self.weights, r, quantum, sums)
+        """``T^t r`` of the rank's own nodes, each term rounded to the quantum; float64, shape (n_owned * 3,).
+
+        Collective.
+        """
+        sums, own = np.zeros((self.halo.n_owned + self.halo.n_ghost, 3), np.int64), slice(0, len(r) // 3)
+        restrict(self.corners[own], self.weights[own], r, quantum, sums)
         self.halo.scatter_reverse(sums)
         return (sums[: self.halo.n_owned] * quantum).reshape(-1)
 
@@ -206,10 +209,11 @@ def factorise(matrix, number: np.ndarray, counts: np.ndarray) -> Factor:
     index = np.stack(np.unravel_index(np.flatnonzero(number >= 0), counts + 1))
     nodes = np.lexsort(index[np.argsort(counts, kind="stable")])
     order = (3 * nodes[:, None] + np.arange(3)).reshape(-1)
-    place = np.empty(len(order), np.int64)
+    place = np.empty(len(order), np.int32)
     place[order] = np.arange(len(order))
     entries = sparse.coo_array(matrix)
     row, column = place[entries.row], place[entries.col]
     lower = row >= column
-    row, column, values = row[lower], column[lower], entries.data[lower]
-    return Factor(*factor_of_band(row, column, values, len(order)), order)
+    entries = row[lower], column[lower], entries.data[lower]
+    del row, column, lower
+    return Factor(*factor_of_band(*entries, len(order)), order)

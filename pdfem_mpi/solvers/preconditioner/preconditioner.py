@@ -59,6 +59,7 @@ class Preconditioner:
     own_nodes : int32, shape (n_owned_nodes,)
         Its local nodes that are the scene's own.
     fixed : bool, shape (n_cycle_unknowns,)
+        Of all nodes that the cycle sees, the rank's own first.
     cycle : Cycle
     """
 
@@ -80,9 +81,9 @@ class Preconditioner:
         return self.cycle.grid
 
     @cached_property
-    def held(self) -> np.ndarray:
-        """Places of the fixed unknowns of the cycle."""
-        return np.flatnonzero(self.fixed)
+    def held(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places of the fixed unknowns of the cycle: of the rank's own nodes, and of all that it sees."""
+        return np.flatnonzero(self.fixed[: len(self.cycle.fixed) * 3]), np.flatnonzero(self.fixed)
 
     def apply(self, r: np.ndarray, size: float, z: np.ndarray) -> None:
         """``z = P r``. Collective.
@@ -142,21 +143,25 @@ class Preconditioner:
     def _cycle(self, sums: np.ndarray, quantum: float, scale: float, correction: np.ndarray) -> None:
         """One symmetric cycle for the intact model, from 0, with ``quantum * sums`` on the right.
 
-        Its result times ``scale`` is written to the rows of the owned nodes.
+        Its result times ``scale`` is written to the rows of the owned nodes. The grid's correction is added to all
+        nodes that the rank sees, in the same bits as by their owners: the second residual needs no displacements sent.
         """
-        right, x, residual = (np.empty(len(self.fixed)) for _ in range(3))
-        cycle_steps.start_cycle(sums, quantum, self.fixed, self.cycle.blocks, self.cycle.damping, right, x)
-        self._residual(x, right, residual)
+        n, blocks, damping = self.forces.model.nodes.n_owned, self.cycle.blocks, self.cycle.damping
+        right, residual, x = np.empty(3 * n), np.empty(3 * n), np.empty(len(self.fixed))
+        own, others = x[: 3 * n], x[3 * n :].reshape(-1, 3)
+        cycle_steps.start_cycle(sums, quantum, self.fixed, blocks, damping, right, own)
+        self._residual(own, right, residual)
+        others[:] = self.forces.of_nodes.u[n:]
         met = self.forces.met.copy()
         self.grid.add_correction(residual, quantum, x)
-        x[self.held] = 0.0
-        self._residual(x, right, residual)
+        x[self.held[1]] = 0.0
+        self._residual(own, right, residual, others)
         np.maximum(met, self.forces.met, out=self.forces.met)
-        cycle_steps.finish_cycle(self.cycle.blocks, self.cycle.damping, residual, x, scale, correction)
+        cycle_steps.finish_cycle(blocks, damping, residual, own, scale, correction)
 
-    def _residual(self, x, right, residual):
-        self.forces.evaluate(x, right, residual)
-        residual[self.held] = 0.0
+    def _residual(self, x, right, residual, ghosts=None):
+        self.forces.evaluate(x, right, residual, ghosts=ghosts)
+        residual[self.held[0]] = 0.0
 
 
 def make_preconditioner(
@@ -200,12 +205,14 @@ def make_preconditioner(
         own_nodes = local[own]
         held[own_nodes] += fixed_nodes
     intact.nodes.halo.scatter_reverse(held)
-    fixed = held[: intact.nodes.n_owned] > 0
+    fixed = held > 0
     fixed.reshape(-1)[intact.rollers] = True
-    if same and kept.holds(fixed):
+    intact.nodes.halo.scatter_forward(fixed)
+    of_own = fixed[: intact.nodes.n_owned]
+    if same and kept.holds(of_own):
         cycle, cycle_forces = kept, kept.forces(bounds.part("cycle"))
     else:
-        cycle, cycle_forces = make_cycle(share, intact, case, fixed, bounds.part("cycle"), kept and kept.grid)
+        cycle, cycle_forces = make_cycle(share, intact, case, of_own, bounds.part("cycle"), kept and kept.grid)
     return Preconditioner(
         model=model,
         of_points=of_points,

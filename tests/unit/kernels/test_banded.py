@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pdfem_mpi.kernels import banded
 from pdfem_mpi.kernels.banded import factor_of_band, solution_of_band
 from pdfem_mpi.kernels.fronts import MARGIN, eliminate_front
 
@@ -16,7 +17,7 @@ def positive(n, half_band, seed=0):
     return a + np.diag(np.abs(a).sum(axis=1))
 
 
-@pytest.mark.parametrize(("n", "half_band"), [(1, 0), (3, 2), (4, 1), (23, 5), (40, 12), (41, 39), (64, 7)])
+@pytest.mark.parametrize(("n", "half_band"), [(1, 0), (3, 2), (4, 1), (23, 5), (40, 12), (41, 39), (64, 7), (700, 9)])
 def test_solutions_are_those_of_the_dense_matrix(n, half_band):
     a = positive(n, half_band)
     row, column = np.nonzero(np.tril(a))
@@ -33,6 +34,15 @@ def test_the_solve_is_symmetric():
     factor = factor_of_band(row, column, a[row, column], 60)
     x, y = np.random.default_rng(2).standard_normal((2, 60))
     assert x @ solution_of_band(*factor, y) == pytest.approx(y @ solution_of_band(*factor, x), rel=ROUNDED)
+
+
+def test_columns_eliminated_together_change_no_bit(monkeypatch):
+    a = positive(203, 13)
+    row, column = np.nonzero(np.tril(a))
+    whole = factor_of_band(row, column, a[row, column], 203)
+    monkeypatch.setattr(banded, "TOGETHER", 1)
+    in_pieces = factor_of_band(row, column, a[row, column], 203)
+    assert all(np.array_equal(one, other) for one, other in zip(whole, in_pieces, strict=True))
 
 
 def test_a_matrix_that_is_not_positive_is_refused():
