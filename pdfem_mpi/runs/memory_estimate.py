@@ -45,9 +45,9 @@ MOTION_BYTES, KEPT_BYTES = 330, 130
 #: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model, for a cell; rows of the
 #: rank's part of the coarse grid, for a node of it.
 GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES, GRID_NODE_BYTES = 320, 700, 6_000
-#: What rank 0 makes of the last grid: moments of a cell; a number of a cell's 24 x 24 with its places, and sorted; a
-#: number of its matrix, 81 a row, with half of them as entries of the band; a number of the band in both precisions.
-MOMENT_BYTES, TERM_BYTES, ENTRY_BYTES, BAND_BYTES = 2_600, 32, 24, 12
+#: What rank 0 makes of the last grid: moments of a cell; a number of its matrix, 81 a row, with half of them as entries
+#: of the band; a number of the band; and of the columns of the band that are in double precision at a time.
+MOMENT_BYTES, ENTRY_BYTES, BAND_BYTES, WINDOW_BYTES = 2_600, 30, 4, 8
 #: Rank 0 gathers fields a slab of cells at a time, for their digest and for checkpoints: rows as they come, in order,
 #: and two of the writer's.
 SLAB_CELL_BYTES = 4 * 8 * 24
@@ -183,13 +183,13 @@ def _of_coarse_grid(share: Share) -> float:
 
 
 def _of_last_grid(counts: np.ndarray) -> float:
-    """Bytes while the last grid is made: of the terms of its cells, then of its matrix and the band of its factor."""
+    """Bytes while the last grid is made: of the moments of its cells, its matrix and the band of its factor."""
     n_cells, nodes = float(np.prod(counts)), np.sort(counts + 1)
     unknowns = 3.0 * float(np.prod(nodes))
     # from a node to the last one beside it, the longest axis outermost
     reach = 3.0 * float(nodes[0] * nodes[1] + nodes[0] + 2)
-    terms = n_cells * 24 * 24 * TERM_BYTES
-    return n_cells * MOMENT_BYTES + max(terms, unknowns * (81 * ENTRY_BYTES + reach * BAND_BYTES))
+    window = 2.0 * reach * reach * WINDOW_BYTES
+    return n_cells * MOMENT_BYTES + unknowns * (81 * ENTRY_BYTES + reach * BAND_BYTES) + window
 
 
 def _count_bonds(share: Share, cells: np.ndarray) -> tuple[float, float]:
