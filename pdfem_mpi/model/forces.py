@@ -96,14 +96,11 @@ class Forces:
         margin: float = 0.0,
         ghosts: np.ndarray | None = None,
     ) -> None:
-        """Compute ``force = external - internal(u)``. Collective.
-
-        It counts only if `check_bounds` of all ranks' `flags` says so; else evaluate again.
+        """``force = external - internal(u)``. Collective. Counts if `check_bounds` of all `flags` says so; else again.
 
         Parameters
         ----------
-        u : float64, shape (n_unknowns,), dimension length
-        external, force : float64, shape (n_unknowns,), dimension force
+        u, external, force : float64, shape (n_unknowns,), dimensions length and force
             ``force`` is overwritten.
         failure : Failure, optional
             Bonds beyond their critical stretch break (4), are booked, and give no force: also where it does not count.

@@ -83,7 +83,8 @@ ENDS = ".nodes.halo._buffers"
 
 
 @pytest.mark.usefixtures("small_last_grids")
-def test_no_array_grows_with_the_body(n_elements=3):
+@pytest.mark.parametrize("n_elements", [0, 6], ids=["bonds", "elements"])
+def test_no_array_grows_with_the_body(n_elements):
     """Of 8 and 32 ranks in a row, and of 4 and 8, with as many cells each: at most 1.5 times the entries."""
     everyone = world()
     if everyone.size < 8:

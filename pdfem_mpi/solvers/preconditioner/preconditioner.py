@@ -164,6 +164,20 @@ class Preconditioner:
         residual[self.held[0]] = 0.0
 
 
+def _fixed(intact: Model, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Components that do not move, bool (n, 3): of all nodes that the rank sees, and of its own. Collective.
+
+    Parameters
+    ----------
+    held : int64, shape (n_nodes, 3)
+        How often a node is held, of the rank's own.
+    """
+    fixed = held > 0
+    fixed.reshape(-1)[intact.rollers] = True
+    intact.nodes.halo.scatter_forward(fixed)
+    return fixed, fixed[: intact.nodes.n_owned]
+
+
 def make_preconditioner(
     share: Share, model: Model, case: LoadCase, bounds: Bounds | None = None, kept: Cycle | None = None
 ) -> Preconditioner:
@@ -205,10 +219,7 @@ def make_preconditioner(
         own_nodes = local[own]
         held[own_nodes] += fixed_nodes
     intact.nodes.halo.scatter_reverse(held)
-    fixed = held > 0
-    fixed.reshape(-1)[intact.rollers] = True
-    intact.nodes.halo.scatter_forward(fixed)
-    of_own = fixed[: intact.nodes.n_owned]
+    fixed, of_own = _fixed(intact, held)
     if same and kept.holds(of_own):
         cycle, cycle_forces = kept, kept.forces(bounds.part("cycle"))
     else:
