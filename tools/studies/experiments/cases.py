@@ -181,6 +181,7 @@ TESTS = (
     Experiment(
         "milan_polymer", "Milan polymer beam", (1.5, 0.75), 15.0, 7.5, "pin.force_y", "deflection.u_y", DEFLECTION,
         15.0, 0.2519, identified=True,
+        peaks={"nu 0.25": {"material.poissons_ratio": "0.25"}},
     ),
 )  # fmt: skip
 PATHS = (
