@@ -36,8 +36,8 @@ LEAST_OPENING, MOST_OPENING, WIDTHS = 1e-3, 100.0, 160
 #: Range of the branch's kink in a fit: fraction of the final stretch, and force.
 KINKS = ((0.05, 0.9), (0.01, DROP - 0.01))
 START = (0.25, 0.15)
-#: Least stretch of the kink over the first one. Nearer the kink is another drop, and what lattice and dilatation take of
-#: the energy then shortens the branch to nothing.
+#: Least stretch of the kink over the first one. Nearer it is another drop, and what lattice and dilatation take of the
+#: energy then shortens the branch to nothing.
 LEAST_KINK = 2.0
 #: A fit begins so much later with its kink until that is not too near.
 LATER = 1.1
