@@ -73,7 +73,8 @@ def transmitted(shape: Shape, ratio: float, first: float, energy: float, length:
 
 
 def fit_curve(curve, modulus: float, unit_energy: float, length: float, cutoff_ratio: float) -> Shape:
-    """The kink of the branch that fits a traction-opening curve best, by least squares; the drop is to 1/2.
+    """The kink of the branch that fits a traction-opening curve best, by least squares, at `LEAST_KINK` or beyond; the
+    drop is to 1/2.
 
     Parameters
     ----------
