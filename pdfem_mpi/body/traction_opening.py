@@ -36,6 +36,11 @@ LEAST_OPENING, MOST_OPENING, WIDTHS = 1e-3, 100.0, 160
 #: Range of the branch's kink in a fit: fraction of the final stretch, and force.
 KINKS = ((0.05, 0.9), (0.01, DROP - 0.01))
 START = (0.25, 0.15)
+#: Least stretch of the kink over the first one. Nearer it is another drop, and what lattice and dilatation take of the
+#: energy then shortens the branch to nothing.
+LEAST_KINK = 2.0
+#: A fit begins so much later with its kink until that is not too near.
+LATER = 1.1
 #: Digits to which a fit is rounded, so that the last bits of a processor do not decide.
 DIGITS = 3
 
@@ -68,7 +73,8 @@ def transmitted(shape: Shape, ratio: float, first: float, energy: float, length:
 
 
 def fit_curve(curve, modulus: float, unit_energy: float, length: float, cutoff_ratio: float) -> Shape:
-    """The kink of the branch that fits a traction-opening curve best, by least squares; the drop is to 1/2.
+    """The kink of the branch that fits a traction-opening curve best, by least squares, at `LEAST_KINK` or beyond; the
+    drop is to 1/2.
 
     Parameters
     ----------
@@ -92,14 +98,20 @@ def _fit(curve, modulus, unit_energy, length, cutoff_ratio) -> tuple[float, floa
     places = (np.arange(OPENINGS) + 0.5) / OPENINGS * opening[-1] * 1.25
     wanted = np.interp(places, opening, traction, right=0.0)
 
-    def misfit(kink):
+    def law(kink):
         shape = Shape(DROP, (float(kink[0]), float(kink[1])))
-        ratio = shape.ratio(energy / (unit_energy * first**2))
-        if ratio * kink[0] <= 1.0:
+        return shape, shape.ratio(energy / (unit_energy * first**2))
+
+    def misfit(kink):
+        shape, ratio = law(kink)
+        if ratio * kink[0] < LEAST_KINK:
             return np.full(OPENINGS, 1.0)
         return (transmitted(shape, ratio, first, energy, length, cutoff_ratio, places) - wanted) / traction[0]
 
-    found = least_squares(misfit, START, bounds=tuple(zip(*KINKS, strict=True)), diff_step=1e-3)
+    start = START
+    while law(start)[1] * start[0] < LEAST_KINK and start[0] * LATER < KINKS[0][1]:
+        start = start[0] * LATER, start[1]
+    found = least_squares(misfit, start, bounds=tuple(zip(*KINKS, strict=True)), diff_step=1e-3)
     return tuple(float(f"{value:.{DIGITS}g}") for value in found.x)
 
 

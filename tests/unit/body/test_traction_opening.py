@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pdfem_mpi.body.softening import law_of
 from pdfem_mpi.body.softening_law import Shape
 from pdfem_mpi.body.traction_opening import curve_energy, dilatation_energy, fit_curve, transmitted
 from pdfem_mpi.deck.materials import Material
@@ -80,3 +81,14 @@ def test_fit_of_a_bilinear_curve():
     assert np.abs(found - np.interp(opening, *np.array(BILINEAR).T)).max() < 0.35 * 2.59
     late = opening > 0.05
     assert np.abs(found - np.interp(opening, *np.array(BILINEAR).T))[late].max() < 0.05 * 2.59
+
+
+@pytest.mark.parametrize("length", [1.0, 1.25, 1.5, 2.0])
+def test_a_short_branch_keeps_a_length_beyond_its_kink(length):
+    """A polymer whose branch is a few first stretches long: what lattice and dilatation take leaves one."""
+    polymer = ((0.0, 10.4), (0.0276, 2.7), (0.0803, 0.0))
+    material = Material(youngs_modulus=3707.0, poissons_ratio=0.39, traction_opening=polymer)
+    law = law_of(material, length, 2.5, 1.25, 0.956)
+    assert law.longest > 1.3 * length
+    assert law.shape.kink[0] * law.final > 1.5 * law.first
+    assert law.energy == pytest.approx(curve_energy(polymer))
