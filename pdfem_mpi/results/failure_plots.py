@@ -7,15 +7,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
-from matplotlib.animation import FuncAnimation, PillowWriter
-from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from pdfem_mpi.results import vtkhdf
+from pdfem_mpi.results.canvas import Axes, Figure, MaxNLocator, Normalize, rc_context
 from pdfem_mpi.results.history import read_history
 from pdfem_mpi.results.labels import as_it_is, attempt
 from pdfem_mpi.results.ownership import Written
@@ -137,7 +132,7 @@ def _draw_reaction(
     """Reaction over displacement; equilibria and states within an avalanche have different markers."""
     u, reaction = history["displacement"], history["reaction"]
     stable = np.isin(history["event"], STABLE)
-    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+    with rc_context(STYLE), replacing(path) as temporary:
         figure = _new_figure(title)
         axes = figure.subplots()
         axes.plot(np.append(0.0, u), np.append(0.0, reaction), color="#999999", linewidth=1.0, zorder=1)
@@ -170,7 +165,7 @@ def _draw_reaction(
 def _draw_energies(path: Path, history: dict, title: str, length: str, force: str) -> Path:
     """Energies over the number of broken bonds."""
     broken = history["broken_bonds"]
-    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+    with rc_context(STYLE), replacing(path) as temporary:
         figure = _new_figure(title)
         axes = figure.subplots()
         for name, label, color in ENERGIES:
@@ -244,7 +239,7 @@ def stages(broken: Sequence[float], n_frames: int) -> list[int]:
 def _draw_stages(path: Path, layer: _Layer, history: dict, title: str, length: str) -> Path:
     """The paper's Fig. 16: local damage (eq. 5) at stages of the failure."""
     frames = stages(history["broken_bonds"], vtkhdf.frames(layer.path))
-    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+    with rc_context(STYLE), replacing(path) as temporary:
         figure = _new_figure(title)
         panels = np.atleast_1d(figure.subplots(*_LAYOUTS.get(len(frames), (2, 2)))).ravel()
         for panel, frame in zip(panels, frames, strict=False):
@@ -260,9 +255,11 @@ def _draw_stages(path: Path, layer: _Layer, history: dict, title: str, length: s
 
 def _draw_film(path: Path, layer: _Layer, history: dict, title: str, length: str) -> Path:
     """One picture a frame, as an animated GIF."""
+    from matplotlib.animation import FuncAnimation, PillowWriter
+
     n_frames = vtkhdf.frames(layer.path)
     unfinished = path.with_name(".unfinished.gif")  # the writer goes by the suffix
-    with matplotlib.rc_context(STYLE):
+    with rc_context(STYLE):
         figure = _new_figure(title)
         axes = figure.subplots()
         image = layer.draw(axes, 0, length)

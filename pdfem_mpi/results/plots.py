@@ -2,12 +2,9 @@
 
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
+from pdfem_mpi.results.canvas import Axes, Figure, MaxNLocator, rc_context
 from pdfem_mpi.results.labels import as_it_is
 from pdfem_mpi.results.samples import BarStations, LineSamples
 from pdfem_mpi.system.files import replacing
@@ -52,7 +49,7 @@ def axial_displacement(path: str | Path, stations: BarStations, title: str = "",
     unit = f" ({as_it_is(units)})" if units else " (length units)"
     error = stations.error_percent
     marker_size = float(np.clip(400.0 / len(error), *MARKER_SIZES))  # smaller where stations lie close together
-    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+    with rc_context(STYLE), replacing(path) as temporary:
         figure = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         order = np.argsort(stations.coordinate, kind="stable")
@@ -95,7 +92,7 @@ def displacement_along_line(path: str | Path, samples: LineSamples, title: str =
     """
     unit = f" ({as_it_is(units)})" if units else " (length units)"
     marker_size = float(np.clip(500.0 / len(samples.coordinate), *MARKER_SIZES))
-    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+    with rc_context(STYLE), replacing(path) as temporary:
         figure = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained")
         panels = figure.subplots(2, 1, sharex=True)
         for component, (panel, name) in enumerate(zip(panels, "xy", strict=True)):
