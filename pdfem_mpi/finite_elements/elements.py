@@ -24,8 +24,8 @@ from pdfem_mpi.parallel.comm import broadcast, largest
 SHAPE_TOLERANCE = 1e-9
 #: More shapes than this, and the cells are treated as general hexahedra.
 MOST_SHAPES = 4
-#: Elements whose stiffness matrices are formed together at set-up.
-BATCH = 4096
+#: Elements whose stiffness matrices are formed together at set-up: few enough for the second cache.
+BATCH = 64
 
 
 @dataclass(frozen=True)

@@ -30,16 +30,16 @@ def element_stiffness(
 
 def stiffness_of_moduli(coordinates: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> np.ndarray:
     """`element_stiffness` from Lame's moduli, shape (n,), dimension force / length^2."""
-    lam, mu = (modulus[:, None, None, None, None] for modulus in (lam, mu))
     gradients, volumes = gauss_gradients(coordinates)
-    stiffness = np.zeros((len(coordinates), 8, 3, 8, 3))
+    gradients = np.ascontiguousarray(gradients.transpose(1, 2, 3, 0))  # elements innermost, for long loops of numpy
+    stiffness = np.zeros((8, 3, 8, 3, len(coordinates)))
     for g in range(8):
-        weight = volumes[:, g, None, None, None, None]
-        products = gradients[:, g, :, :, None, None] * gradients[:, g, None, None, :, :]  # [a, i, b, j]
-        laplacian = products[:, :, 0, :, 0] + products[:, :, 1, :, 1] + products[:, :, 2, :, 2]
+        weight = volumes[:, g]
+        products = gradients[g][:, :, None, None] * gradients[g]  # [a, i, b, j]
+        laplacian = products[:, 0, :, 0] + products[:, 1, :, 1] + products[:, 2, :, 2]
         stiffness += weight * lam * products
-        stiffness += weight * mu * (products.swapaxes(2, 4) + laplacian[:, :, None, :, None] * np.eye(3)[:, None, :])
-    return stiffness.reshape(-1, 24, 24)
+        stiffness += weight * mu * (products.swapaxes(1, 3) + laplacian[:, None, :, None] * np.eye(3)[:, None, :, None])
+    return np.ascontiguousarray(np.moveaxis(stiffness, -1, 0)).reshape(-1, 24, 24)
 
 
 def lame_moduli(youngs_modulus: np.ndarray, poissons_ratio: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -58,7 +58,7 @@ def find_rows(
     first, last, x, n_owned, ghosts, cell_number, neighbour, depth, centre, radius, cutoff, lower, bin_size, bins,
     bin_start, bin_index, row_start, row_offset, candidates,
 ):  # fmt: skip
-    """Count the rows of the points of clusters ``first:last`` or, when ``row_offset`` has room, write them.
+    """Find the rows of the points of clusters from ``first`` on, up to ``last`` or as many as there is room for.
 
     Parameters
     ----------
@@ -84,21 +84,41 @@ def find_rows(
     bin_start, bin_index : int64, shapes (n_bins + 1,), (n_clusters,)
         Clusters of each bin.
     row_start : int64, shape (n_owned * 4 + 1,)
-        Written for the points of the range: index of the first row of each point; the first must be set.
-    row_offset : uint32, shape (n_rows,) or (0,)
-        Start of the row's cluster in the point table, ``36 J``; with size 0 rows are only counted.
+        Written for the points of the clusters done: index of the first row of each point; the first must be set.
+    row_offset : uint32, shape (n_room,)
+        Start of the row's cluster in the point table, ``36 J``, from the first row of this call on.
     candidates : int64, shape (n_clusters,)
         Scratch.
+
+    Returns
+    -------
+    int
+        The first cluster that is not done.
     """
-    counting = row_offset.size == 0
     limit = cutoff * cutoff
     widest = 0.0
     for c in range(radius.size):
         widest = max(widest, radius[c])
-    row = row_start[W * first]
+    nearest = np.full(3, np.inf)  # of the ghosts: most owned clusters are far from all of them
+    farthest = np.full(3, -np.inf)
+    if ghosts:
+        for c in range(n_owned, radius.size):
+            for d in range(3):
+                nearest[d] = min(nearest[d], centre[c, d])
+                farthest[d] = max(farthest[d], centre[c, d])
+    before = row_start[W * first]
+    row = before
     for own in range(first, last):
         number = cell_number[own // 2]
         window = cutoff + radius[own] + widest
+        if ghosts:
+            away = 0.0
+            for d in range(3):
+                away = max(away, nearest[d] - centre[own, d], centre[own, d] - farthest[d])
+            if away > window * (1 + 1e-9):
+                for lane in range(W):
+                    row_start[W * own + lane + 1] = row
+                continue
         low = np.empty(3, np.int64)
         high = np.empty(3, np.int64)
         for d in range(3):
@@ -130,6 +150,8 @@ def find_rows(
                         if r2 <= reach * reach * (1 + 1e-9):
                             candidates[n] = c
                             n += 1
+        if row - before + W * n > row_offset.size:
+            return own
         candidates[:n].sort()
         for lane in range(W):
             xi = x[12 * own + lane]
@@ -147,11 +169,11 @@ def find_rows(
                     dy = x[12 * c + W + k] - yi
                     dz = x[12 * c + 2 * W + k] - zi
                     if dx * dx + dy * dy + dz * dz <= limit:
-                        if not counting:
-                            row_offset[row] = 9 * W * c
+                        row_offset[row - before] = 9 * W * c
                         row += 1
                         break
             row_start[W * own + lane + 1] = row
+    return last
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
@@ -243,7 +265,7 @@ def fill_rows(
 
 SIGNATURES = {
     cluster_balls: types.void(_f8, types.float64[:, ::1], _f8),
-    find_rows: types.void(
+    find_rows: types.int64(
         types.int64, types.int64, _f8, types.int64, types.boolean, _i8, _i8, types.float64[:, ::1],
         types.float64[:, ::1], _f8, types.float64, _f8, types.float64, _i8, _i8, _i8, _i8, _u4, _i8,
     ),

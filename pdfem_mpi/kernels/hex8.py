@@ -82,11 +82,13 @@ def jacobians(nodes: np.ndarray) -> np.ndarray:
     Returns
     -------
     float64, shape (n, 8, 3, 3), dimension length
+        A view of an array with the cells innermost.
     """
-    result = np.zeros((len(nodes), 8, 3, 3))
+    corners = np.ascontiguousarray(nodes.transpose(1, 2, 0))  # cells innermost: numpy's loops are long then
+    result = np.zeros((8, 3, 3, len(nodes)))
     for a in range(1, 8):
-        result += GRADIENTS_AT_GAUSS[:, a, :, None] * (nodes[:, a] - nodes[:, 0])[:, None, None, :]
-    return result
+        result += GRADIENTS_AT_GAUSS[:, a, :, None, None] * (corners[a] - corners[0])
+    return np.moveaxis(result, -1, 0)
 
 
 def gauss_volumes(nodes: np.ndarray) -> np.ndarray:
@@ -148,4 +150,5 @@ def _adjugate(matrices):
     a, b, c = np.moveaxis(matrices, -2, 0)
     columns = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
     product = a * columns[0]
-    return np.stack(columns, axis=-1), product[..., 0] + product[..., 1] + product[..., 2]
+    determinant = product[..., 0] + product[..., 1] + product[..., 2]
+    return np.ascontiguousarray(np.stack(columns, axis=-1)), np.ascontiguousarray(determinant)

@@ -11,6 +11,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import chain
 from time import perf_counter, sleep
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -182,23 +183,26 @@ def on_root(comm: Intracomm, action: Callable[[], Any]) -> Any:
     return result
 
 
-def on_root_at_leisure(comm: Intracomm, action: Callable[[], Any]) -> Any:
-    """Like `on_root`, where rank 0 may take long and the others have nothing else to do: they sleep. Collective.
+def dealt_on_node(comm: Intracomm, calls: list[Callable[[], T]]) -> list[T]:
+    """Run calls that rank 0 has, each on some rank of its node; their results in order, none except on rank 0.
 
-    A library of MPI waits with its processors busy, as long as it may take. Here a rank looks every few milliseconds.
+    The calls can be pickled and do not fail. A library of MPI waits with its processors busy, as long as it may take;
+    here who has no call, and who is done, sleeps and looks every few milliseconds. Collective.
     """
+    node = node_communicator(comm)
+    turns: list[list[tuple[int, Callable[[], T]]]] = [[] for _ in range(node.size)]
+    for k, call in enumerate(calls):
+        turn, place = divmod(k, node.size)  # there and back: the first has the last one too
+        turns[node.size - 1 - place if turn % 2 else place].append((k, call))
+    found = [(k, call()) for k, call in node.scatter(turns)]
+    over = comm.Ibarrier()
+    while not over.Test():
+        sleep(BETWEEN_LOOKS)
+    gathered = node.gather(found)
+    node.Free()
     if comm.rank > 0:
-        over = comm.Ibarrier()
-        while not over.Test():
-            sleep(BETWEEN_LOOKS)
-
-    def act():
-        try:
-            return action()
-        finally:
-            comm.Ibarrier().Wait()
-
-    return on_root(comm, act)
+        return []
+    return [result for _, result in sorted(chain(*gathered))]
 
 
 def on_root_beating(comm: Intracomm, action: Callable[[Callable[[], None]], None]) -> None:

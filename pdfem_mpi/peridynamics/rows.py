@@ -10,6 +10,9 @@ from pdfem_mpi.kernels import families
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.peridynamics.points import Points
 
+#: Rows that are found before they are put by.
+ROOM = 2**18
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -26,7 +29,7 @@ class Rows:
 
 
 def find_bonds(points: Points, cutoff: float, finite: bool) -> tuple[Rows, Rows]:
-    """Search the families of the owned points and allocate their rows, counted first.
+    """Search the families of the owned points and allocate their rows.
 
     Without ghosts and images nothing is searched among them.
 
@@ -77,13 +80,19 @@ def _search(points: Points, cutoff: float, finite: bool, kinds: tuple[bool, ...]
             break
         start = np.zeros(W * n_owned + 1, np.int64)
         search = (
-            0, n_owned, points.x, n_owned, ghosts, points.cell_number, *depths, centre, radius, cutoff,
-            lower, bin_size, bins, bin_start, bin_index, start,
+            points.x, n_owned, ghosts, points.cell_number, *depths, centre, radius, cutoff, lower, bin_size, bins,
+            bin_start, bin_index, start,
         )  # fmt: skip
-        candidates = np.empty(n_clusters, np.int64)
-        families.find_rows(*search, np.empty(0, np.uint32), candidates)
-        offset = np.zeros(int(start[-1]) + 1, np.uint32)  # one padding row: the sweeps read one row ahead
-        families.find_rows(*search, offset, candidates)
+        room, candidates = np.empty(ROOM, np.uint32), np.empty(n_clusters, np.int64)
+        parts, first = [], 0
+        while first < n_owned:
+            last = families.find_rows(first, n_owned, *search, room, candidates)
+            parts.append(room[: start[W * last] - start[W * first]].copy())
+            if last == first:  # not even one cluster's rows had room
+                room = np.empty(2 * len(room), np.uint32)
+            first = last
+        padding = np.zeros(1, np.uint32)  # one row: the sweeps read one row ahead
+        offset = np.concatenate([*parts, padding])
         found.append(Rows(start, offset, np.zeros(len(offset) * (2 * W if finite else W), np.float32)))
     return found
 

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
-from matplotlib.animation import FuncAnimation, PillowWriter
-from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from pdfem_mpi.results import vtkhdf
+from pdfem_mpi.results.canvas import Axes, Figure, MaxNLocator, Normalize, rc_context
 from pdfem_mpi.results.history import read_history
 from pdfem_mpi.results.labels import as_it_is, attempt
 from pdfem_mpi.results.ownership import Written
 from pdfem_mpi.results.plots import DPI, LEGEND, SIZE_INCHES, STYLE
-from pdfem_mpi.results.read_frames import frame_numbers
+from pdfem_mpi.results.read_frames import POINTS_FILE, frame_numbers, has_damage
 from pdfem_mpi.results.run_folder import read_summary
 from pdfem_mpi.system.files import replacing
 
@@ -68,30 +64,38 @@ def draw_failure(
     """
     folder = Path(folder)
     history = read_history(folder / "history.csv")
-    drawn: list[Path] = []
-    fails = bool(len(history.get("broken_bonds", ())))
-    if not fails and len(history.get("reaction", ())) < FEWEST_ROWS:
-        return drawn
+    names = []
+    if len(history.get("broken_bonds", ())):
+        names = ["reaction.png", "energies.png"]
+        if has_damage(folder / POINTS_FILE):
+            names += ["damage.png", "damage.gif"] if film else ["damage.png"]
+    elif len(history.get("reaction", ())) >= FEWEST_ROWS:
+        names = ["reaction.png"]
+    if not names:
+        return []
     (folder / "figures").mkdir(exist_ok=True)
     written = Written(folder)
     written.begin()
+    drawn: list[Path] = []
+    for path in [written.new(f"figures/{name}") for name in names]:
+        drawn += attempt(partial(draw_figure, path, title, length, force), path, warn)
+    return drawn
 
-    def draw(name: str, how: Callable[..., Path], *arguments: object) -> None:
-        path = written.new(f"figures/{name}")
-        drawn.extend(attempt(lambda: how(path, *arguments), path, warn))
 
-    draw("reaction.png", _draw_reaction, history, title, length, force, find_peak(history, read_summary(folder)))
-    if not fails:
-        return drawn
-    draw("energies.png", _draw_energies, history, title, length, force)
-    points = folder / "points.vtkhdf"
-    if points.exists() and vtkhdf.frames(points) and "damage" in vtkhdf.frame_fields(points):
+def draw_figure(path: Path, title: str, length: str, force: str) -> None:
+    """Draw one of the figures of `draw_failure`, which its name tells, from the files of its run folder."""
+    folder, words = path.parent.parent, (title, length, force)
+    history = read_history(folder / "history.csv")
+    if path.name == "reaction.png":
+        _draw_reaction(path, history, *words, find_peak(history, read_summary(folder)))
+    elif path.name == "energies.png":
+        _draw_energies(path, history, *words)
+    else:
+        points = folder / POINTS_FILE
         layer, numbers = _Layer(points), frame_numbers(points)
         history = numbers if "broken_bonds" in numbers else history  # files of earlier versions have a frame a row
-        draw("damage.png", _draw_stages, layer, history, title, length)
-        if film:
-            draw("damage.gif", _draw_film, layer, history, title, length)
-    return drawn
+        draw = _draw_film if path.suffix == ".gif" else _draw_stages
+        draw(path, layer, history, title, length)
 
 
 def _unit(*names: str) -> str:
@@ -128,7 +132,7 @@ def _draw_reaction(
     """Reaction over displacement; equilibria and states within an avalanche have different markers."""
     u, reaction = history["displacement"], history["reaction"]
     stable = np.isin(history["event"], STABLE)
-    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+    with rc_context(STYLE), replacing(path) as temporary:
         figure = _new_figure(title)
         axes = figure.subplots()
         axes.plot(np.append(0.0, u), np.append(0.0, reaction), color="#999999", linewidth=1.0, zorder=1)
@@ -161,7 +165,7 @@ def _draw_reaction(
 def _draw_energies(path: Path, history: dict, title: str, length: str, force: str) -> Path:
     """Energies over the number of broken bonds."""
     broken = history["broken_bonds"]
-    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+    with rc_context(STYLE), replacing(path) as temporary:
         figure = _new_figure(title)
         axes = figure.subplots()
         for name, label, color in ENERGIES:
@@ -235,7 +239,7 @@ def stages(broken: Sequence[float], n_frames: int) -> list[int]:
 def _draw_stages(path: Path, layer: _Layer, history: dict, title: str, length: str) -> Path:
     """The paper's Fig. 16: local damage (eq. 5) at stages of the failure."""
     frames = stages(history["broken_bonds"], vtkhdf.frames(layer.path))
-    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+    with rc_context(STYLE), replacing(path) as temporary:
         figure = _new_figure(title)
         panels = np.atleast_1d(figure.subplots(*_LAYOUTS.get(len(frames), (2, 2)))).ravel()
         for panel, frame in zip(panels, frames, strict=False):
@@ -251,9 +255,11 @@ def _draw_stages(path: Path, layer: _Layer, history: dict, title: str, length: s
 
 def _draw_film(path: Path, layer: _Layer, history: dict, title: str, length: str) -> Path:
     """One picture a frame, as an animated GIF."""
+    from matplotlib.animation import FuncAnimation, PillowWriter
+
     n_frames = vtkhdf.frames(layer.path)
     unfinished = path.with_name(".unfinished.gif")  # the writer goes by the suffix
-    with matplotlib.rc_context(STYLE):
+    with rc_context(STYLE):
         figure = _new_figure(title)
         axes = figure.subplots()
         image = layer.draw(axes, 0, length)

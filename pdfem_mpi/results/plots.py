@@ -1,15 +1,12 @@
 """Figures for people, drawn by matplotlib's Agg canvas without pyplot and its global state."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
+from pdfem_mpi.results.canvas import Axes, Figure, MaxNLocator, rc_context
 from pdfem_mpi.results.labels import as_it_is
+from pdfem_mpi.results.samples import BarStations, LineSamples
 from pdfem_mpi.system.files import replacing
 
 SIZE_INCHES, DPI = (8.0, 6.0), 150  # 1200 x 900 pixels
@@ -29,48 +26,6 @@ PARTS = {
     "finite elements": {"color": "#0072B2", "marker": "s", "markeredgewidth": 0},
     "peridynamics": {"color": "#D55E00", "marker": "o", "markeredgewidth": 0},
 }
-
-
-@dataclass(frozen=True)
-class BarStations:
-    """Displacements along a bar, beside those of the exact uniform stretch.
-
-    Attributes
-    ----------
-    coordinate : float, shape (n,), dimension length
-        Places along the axis, in any order.
-    displacement, exact : float, shape (n,), dimension length
-        Displacements along the axis: the computed ones and those of the exact solution.
-    kind : str, shape (n,)
-        "finite elements" or "peridynamics": where the computed displacement was taken from.
-    interface : float or None, dimension length
-        Where the finite-element and the peridynamic part meet; None if the bar has one part only.
-    overlap : (float, float) or None, dimension length
-        Ends of the layer of cells in which both descriptions live.
-    axis : "x", "y" or "z"
-    """
-
-    coordinate: np.ndarray
-    displacement: np.ndarray
-    exact: np.ndarray
-    kind: np.ndarray
-    interface: float | None = None
-    overlap: tuple[float, float] | None = None
-    axis: str = "x"
-
-    @property
-    def error_percent(self) -> np.ndarray:
-        """Computed minus exact displacement, in percent of the largest exact one; float, shape (n,).
-
-        Raises
-        ------
-        ValueError
-            The exact displacement is zero everywhere, so nothing is left to compare with.
-        """
-        end = np.max(np.abs(self.exact))
-        if end == 0.0:
-            raise ValueError("the exact displacement of the bar is zero at every station: is its stress zero?")
-        return 100.0 * (np.asarray(self.displacement) - self.exact) / end
 
 
 def axial_displacement(path: str | Path, stations: BarStations, title: str = "", units: str = "") -> None:
@@ -94,7 +49,7 @@ def axial_displacement(path: str | Path, stations: BarStations, title: str = "",
     unit = f" ({as_it_is(units)})" if units else " (length units)"
     error = stations.error_percent
     marker_size = float(np.clip(400.0 / len(error), *MARKER_SIZES))  # smaller where stations lie close together
-    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+    with rc_context(STYLE), replacing(path) as temporary:
         figure = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         order = np.argsort(stations.coordinate, kind="stable")
@@ -122,31 +77,6 @@ def axial_displacement(path: str | Path, stations: BarStations, title: str = "",
         figure.savefig(temporary, format="png")
 
 
-@dataclass(frozen=True)
-class LineSamples:
-    """Displacements along a line through the body.
-
-    Attributes
-    ----------
-    coordinate : float, shape (n,), dimension length
-        Places along the line.
-    displacement : float, shape (n, 2), dimension length
-        Components u_x and u_y; NaN outside of the body.
-    kind : str, shape (n,)
-        "finite elements", "peridynamics", or "" outside of the body.
-    along : str
-        What the coordinate is, for the axis: "x", "y" or "z", or words.
-    where : str
-        Where the line is, under the title.
-    """
-
-    coordinate: np.ndarray
-    displacement: np.ndarray
-    kind: np.ndarray
-    along: str
-    where: str
-
-
 def displacement_along_line(path: str | Path, samples: LineSamples, title: str = "", units: str = "") -> None:
     """Draw u_x and u_y along a line, finite elements and peridynamics told apart (Fig. 15), as a PNG.
 
@@ -162,7 +92,7 @@ def displacement_along_line(path: str | Path, samples: LineSamples, title: str =
     """
     unit = f" ({as_it_is(units)})" if units else " (length units)"
     marker_size = float(np.clip(500.0 / len(samples.coordinate), *MARKER_SIZES))
-    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+    with rc_context(STYLE), replacing(path) as temporary:
         figure = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained")
         panels = figure.subplots(2, 1, sharex=True)
         for component, (panel, name) in enumerate(zip(panels, "xy", strict=True)):

@@ -12,6 +12,8 @@ from pdfem_mpi.results.frame_digest import FrameDigest
 from pdfem_mpi.results.own_storage import elsewhere
 
 KINDS = ("PointData", "CellData", "FieldData")
+#: Of a run folder: the peridynamic points.
+POINTS_FILE = "points.vtkhdf"
 
 
 def rows_of(root: h5py.Group, kind: str) -> int:
@@ -30,6 +32,15 @@ def frame_numbers(path: str | Path) -> dict[str, np.ndarray]:
         present, numbers = int(root["Steps"].attrs["NSteps"]), root.get("FieldData", {})
         found = {name: table[:present] for name, table in numbers.items()}
         return found or {"load_factor": root["Steps/Values"][:present]}
+
+
+def has_damage(path: Path) -> bool:
+    """Whether a file is there, and has frames with the damage of points."""
+    if not path.exists():
+        return False
+    with h5py.File(path, "r", locking=False) as file:
+        steps = file["VTKHDF/Steps"]
+        return bool(steps.attrs["NSteps"]) and "damage" in steps["PointDataOffsets"]
 
 
 def frame_rows(path: str | Path) -> np.ndarray:

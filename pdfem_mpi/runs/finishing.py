@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from pdfem_mpi.measure.fields import fields_sha256
-from pdfem_mpi.parallel.comm import on_root, on_root_at_leisure
+from pdfem_mpi.parallel.comm import dealt_on_node, on_root
 from pdfem_mpi.results.ownership import SUMMARY
 from pdfem_mpi.results.summary_file import sealed, write_summary
 from pdfem_mpi.runs.failure_outcome import crack_in_a_mirror
@@ -80,7 +81,7 @@ def finish(
         summary = make_summary(run.scene, march, findings, facts)
     if ended.code == EXIT_FINISHED:
         on_root(comm, lambda: remove_stacks(run.out))
-    on_root_at_leisure(comm, lambda: write_end(run, summary, draws=ended.code != EXIT_STOPPED))
+    write_end(run, summary, draws=ended.code != EXIT_STOPPED)
     if comm.rank == 0:
         run.reporter.table(run.scene.title or run.out.name, end_table(summary, run.scene))
         run.reporter.table("memory: what was allocated, and what was left out", table_of(summary))
@@ -88,19 +89,31 @@ def finish(
     return ended.code
 
 
-def write_end(run: Run, summary: dict[str, Any], draws: bool) -> None:
-    """Write summary.json, draw the figures, which read it, and write it again with their digests. On rank 0."""
-    path, seconds = run.claimed.written.new(SUMMARY), summary["seconds"]
-    write_summary(path, sealed(summary, run.out))
+def write_end(run: Run, summary: dict[str, Any] | None, draws: bool) -> None:
+    """Write summary.json, draw the figures, which read it, and write it again with their digests. Collective.
+
+    Parameters
+    ----------
+    summary : dict
+        On rank 0.
+    """
+
+    def write() -> None:
+        write_summary(run.claimed.written.new(SUMMARY), sealed(summary, run.out))
+
+    on_root(run.comm, write)
     if not draws:
         return
     began = perf_counter()
-    run.outputs.draw()
-    drawn = perf_counter() - began
-    for name in ("output", "total"):
-        seconds[name] += drawn
-    summary["seconds_of_all_starts"] += drawn
-    write_summary(path, sealed(summary, run.out))
+    drawings = run.outputs.drawings() if run.comm.rank == 0 else []
+    for text in chain(*dealt_on_node(run.comm, drawings)):
+        run.reporter.line(f"warning: {text}")
+    if run.comm.rank == 0:
+        drawn = perf_counter() - began
+        for name in ("output", "total"):
+            summary["seconds"][name] += drawn
+        summary["seconds_of_all_starts"] += drawn
+    on_root(run.comm, write)
 
 
 def describe_arrays(march: March, watch: MemoryWatch) -> dict[str, Any]:

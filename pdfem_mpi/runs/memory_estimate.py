@@ -218,10 +218,10 @@ def _count_bonds(share: Share, cells: np.ndarray) -> tuple[float, float]:
         found = found[((centres[found] - centroids[cell]) ** 2).sum(axis=1) <= reach**2]
         others = np.array([other for other in found if other >= n_real or with_points[other] != cell], np.int64)
         others = others[share.body[with_points[others]] == share.body[cell]]
-        x = gauss_positions(nodes[mesh.cells[[cell]]]).reshape(8, 1, 3)
+        x = gauss_positions(nodes[mesh.cells[[cell]]]).reshape(8, 3).T[:, :, None]
         y = gauss_positions(nodes[mesh.cells[with_points[others]]])
-        y = (sign[others, None] * y + shift[others, None]).reshape(1, -1, 3)
-        family = ((y - x) ** 2).sum(axis=2) <= share.cutoff**2
+        y = np.ascontiguousarray((sign[others, None] * y + shift[others, None]).reshape(-1, 3).T)[:, None]
+        family = ((y - x) ** 2).sum(axis=0) <= share.cutoff**2
         bonds += np.count_nonzero(family)
         rows += np.count_nonzero(family.reshape(8, -1, 4).any(axis=2))
     scale = len(cells) / len(sample)

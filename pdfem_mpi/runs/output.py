@@ -12,7 +12,31 @@ import numpy as np
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.measure.geometry import Geometry
+from pdfem_mpi.results.labels import attempt
 from pdfem_mpi.results.ownership import Written
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure to be drawn, on whatever rank.
+
+    Attributes
+    ----------
+    path : Path
+    draw : callable
+        ``draw(path, *arguments)``, by a name of its module, which loads matplotlib when it is called.
+    arguments : tuple
+    """
+
+    path: Path
+    draw: Callable[..., object]
+    arguments: tuple[Any, ...]
+
+    def __call__(self) -> list[str]:
+        """Draw it; why it was not drawn, or nothing."""
+        problems: list[str] = []
+        attempt(lambda: self.draw(self.path, *self.arguments), self.path, problems.append)
+        return problems
 
 
 @dataclass
@@ -54,11 +78,7 @@ class Output:
     ----------
     results : dict
         What summary.json lists as probes.
-    figure : str
-        What a figure that cannot be drawn is called.
     """
-
-    figure = "figures"
 
     def __init__(self) -> None:
         self.results: dict[str, Any] = {}
@@ -75,8 +95,9 @@ class Output:
     def close(self, place: Place) -> None:
         """Write what belongs to the end."""
 
-    def draw(self, place: Place) -> None:
-        """Draw the figures."""
+    def drawings(self, place: Place) -> list[Drawing]:
+        """The figures, those that take longest first."""
+        return []
 
 
 def new_figure(place: Place, name: str) -> Path:

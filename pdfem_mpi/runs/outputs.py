@@ -7,9 +7,9 @@ asks for.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ from pdfem_mpi.runs.frames import (
     fields_of_elements,
     fields_of_points,
 )
-from pdfem_mpi.runs.output import Output, Place
+from pdfem_mpi.runs.output import Drawing, Output, Place, new_figure
 from pdfem_mpi.runs.probes import OF_PROBE
 from pdfem_mpi.runs.simulation import Simulation
 
@@ -52,10 +52,17 @@ class HistoryOutput(Output):
     def write(self, columns: dict[str, Any], fields: Fields | None, damage: np.ndarray | None) -> None:
         self.history.append(columns)
 
-    def draw(self, place: Place) -> None:
+    def drawings(self, place: Place) -> list[Drawing]:
         last = self.history.last() or {}
-        if int(last.get("broken_bonds") or 0) or ("broken_bonds" not in last and int(last.get("step") or 0) > 1):
-            draw_run(place.written.folder, place.scene, place.warn)
+        names = []
+        if int(last.get("broken_bonds") or 0):
+            from pdfem_mpi.results.read_frames import has_damage
+
+            damaged = has_damage(place.written.folder / POINTS_FILE)
+            names = ["damage", "energies", "reaction"] if damaged else ["energies", "reaction"]
+        elif "broken_bonds" not in last and int(last.get("step") or 0) > 1:
+            names = ["reaction"]
+        return [Drawing(new_figure(place, name), _draw_failure, _words(place.scene)) for name in names]
 
 
 @dataclass
@@ -92,10 +99,16 @@ class Outputs:
         for output in self.all:
             output.close(self.place)
 
-    def draw(self) -> None:
-        """Draw the figures, after summary.json was written; one that cannot be drawn is a warning."""
+    def drawings(self) -> list[Drawing]:
+        """The figures of all outputs, to be drawn after summary.json was written."""
+        found: list[Drawing] = []
+
+        def take(output: Output) -> None:
+            found.extend(output.drawings(self.place))
+
         for output in self.all if self.place.scene.output.figures else ():
-            attempt(functools.partial(output.draw, self.place), Path(output.figure), self.place.warn)
+            attempt(partial(take, output), Path("figures"), self.place.warn)
+        return found
 
     def follow(self, geometry: Geometry | None) -> None:
         """Describe the body from here on as it is now, after elements were turned into bonds."""
@@ -149,4 +162,15 @@ def draw_run(folder: Path, scene: Scene, warn: Callable[[str], None], film: bool
     """
     from pdfem_mpi.results.failure_plots import draw_failure
 
-    return draw_failure(folder, scene.title, scene.units.length, scene.units.force, film, warn=warn)
+    return draw_failure(folder, *_words(scene), film, warn=warn)
+
+
+def _words(scene: Scene) -> tuple[str, str, str]:
+    """What figures say of a deck."""
+    return scene.title, scene.units.length, scene.units.force
+
+
+def _draw_failure(*arguments: Any) -> None:
+    from pdfem_mpi.results.failure_plots import draw_figure
+
+    draw_figure(*arguments)

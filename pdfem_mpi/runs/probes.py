@@ -14,7 +14,8 @@ from pdfem_mpi.measure.displacement import displacement_at
 from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.measure.line import Line, measure_line
 from pdfem_mpi.results.lines import COMPONENTS, write_line
-from pdfem_mpi.runs.output import Output, Place, new_figure
+from pdfem_mpi.results.samples import BarStations, LineSamples
+from pdfem_mpi.runs.output import Drawing, Output, Place, new_figure
 
 
 class DisplacementOutput(Output):
@@ -42,8 +43,6 @@ class OpeningOutput(Output):
 class BarOutput(Output):
     """A bar's comparison with uniform tension, and its figure."""
 
-    figure = "axial_displacement.png"
-
     def __init__(self, probe: BarProbe) -> None:
         super().__init__()
         self.probe = probe
@@ -53,18 +52,16 @@ class BarOutput(Output):
         self.bar = measure_bar(place.scene, place.geometry, fields, self.probe, load_factor)
         self.results = bar_results(place.scene, place.geometry, self.bar, self.probe, load_factor)
 
-    def draw(self, place: Place) -> None:
+    def drawings(self, place: Place) -> list[Drawing]:
         if self.bar is None:
-            return
-        from pdfem_mpi.results import plots
-
+            return []
         bar = self.bar
         kind = np.where(bar.has_points, "peridynamics", "finite elements")
-        stations = plots.BarStations(
+        stations = BarStations(
             bar.coordinate, bar.displacement, bar.exact, kind, bar.interface, bar.overlap, self.probe.axis
         )
-        path = new_figure(place, "axial_displacement")
-        plots.axial_displacement(path, stations, place.scene.title, place.scene.units.length)
+        words = place.scene.title, place.scene.units.length
+        return [Drawing(new_figure(place, "axial_displacement"), _draw_bar, (stations, *words))]
 
 
 class LineOutput(Output):
@@ -73,7 +70,6 @@ class LineOutput(Output):
     def __init__(self, probe: LineProbe) -> None:
         super().__init__()
         self.probe = probe
-        self.figure = f"line_{probe.name}.png"
         self.line: Line | None = None
         self.more: dict[str, np.ndarray] = {}
 
@@ -96,24 +92,34 @@ class LineOutput(Output):
         }
         write_line(place.written.new(f"lines/{self.probe.name}.csv"), rows, more)
 
-    def draw(self, place: Place) -> None:
+    def drawings(self, place: Place) -> list[Drawing]:
         line = self.line
         if line is None:
-            return
-        from pdfem_mpi.results import plots
-
+            return []
         moving = np.flatnonzero(np.ptp(line.position, axis=0) > 0.0)
         on_axis = len(moving) == 1
         fixed = (f"{'xyz'[d]} = {line.position[0, d]:.6g}" for d in range(3) if d not in moving)
-        samples = plots.LineSamples(
+        samples = LineSamples(
             line.position[:, moving[0]] if on_axis else line.distance,
             line.displacement[:, :2],
             line.kind,
             "xyz"[moving[0]] if on_axis else "distance from its start",
             f"line {self.probe.name}" + (f": {', '.join(fixed)}" if on_axis else ""),
         )
-        path = new_figure(place, f"line_{self.probe.name}")
-        plots.displacement_along_line(path, samples, place.scene.title, place.scene.units.length)
+        words = place.scene.title, place.scene.units.length
+        return [Drawing(new_figure(place, f"line_{self.probe.name}"), _draw_line, (samples, *words))]
+
+
+def _draw_bar(*arguments: Any) -> None:
+    from pdfem_mpi.results import plots
+
+    plots.axial_displacement(*arguments)
+
+
+def _draw_line(*arguments: Any) -> None:
+    from pdfem_mpi.results import plots
+
+    plots.displacement_along_line(*arguments)
 
 
 class PointOutput(Output):

@@ -59,6 +59,7 @@ LATE_IMPORTS = {
     ("command.doctor", "pdfem_mpi.parallel"),
     ("command.folders", "pdfem_mpi"),
     ("command.plotting", "pdfem_mpi"),
+    ("results.failure_plots", "matplotlib.animation"),
     ("results.pictures", "pyvista"),
     ("results.pictures", "vtkmodules"),
     ("command.world", "pdfem_mpi.body.counts"),

@@ -1,9 +1,11 @@
 """Sums, gathering by global id and agreement give the same on every rank and for every number of ranks."""
 
+import os
 import sys
 import threading
 import time
 from contextlib import nullcontext
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,15 +13,14 @@ import pytest
 from pdfem_mpi.parallel import comm as parallel
 from pdfem_mpi.parallel import slabs
 from pdfem_mpi.parallel.comm import (
-    NotWritten,
     agree,
     broadcast,
     check_launcher,
+    dealt_on_node,
     install_abort_hook,
     largest,
     node_communicator,
     observing_progress,
-    on_root_at_leisure,
     on_root_beating,
     sum_integers,
 )
@@ -60,21 +61,26 @@ def test_sum_takes_views_narrow_integers_and_empty_arrays(comm):
     assert nothing.shape == (0, 3)
 
 
-def test_ranks_sleep_while_rank_0_takes_its_time(comm):
+def test_ranks_without_a_call_sleep(comm):
     """Waiting in a collective call of MPI would keep their processors busy."""
     began, worked = time.perf_counter(), time.process_time()
-    result = on_root_at_leisure(comm, lambda: time.sleep(1.0) or "done")
+    result = dealt_on_node(comm, [partial(time.sleep, 1.0)] if comm.rank == 0 else [])
     waited, worked = time.perf_counter() - began, time.process_time() - worked
     assert_all(comm, waited > 0.99 and worked < 0.3, f"{waited:.2f} s, {worked:.2f} s of the processor")
-    assert_all(comm, result == ("done" if comm.rank == 0 else None))
+    assert_all(comm, result == ([None] if comm.rank == 0 else []))
 
 
-def test_all_hear_what_rank_0_could_not_write_at_leisure(comm):
-    def fail():
-        raise OSError(28, "No space left on device", "figure.png")
+def test_calls_of_rank_0_are_dealt_out(comm):
+    """Each is made once, in another process where there is one, and results come back in order."""
+    n = 2 * comm.size + 1
+    found = dealt_on_node(comm, [partial(_square_here, k) for k in range(n)] if comm.rank == 0 else [])
+    squares, places = [square for square, _ in found], {place for _, place in found}
+    assert_all(comm, squares == ([k * k for k in range(n)] if comm.rank == 0 else []))
+    assert_all(comm, len(places) == (comm.size if comm.rank == 0 else 0))
 
-    with pytest.raises(NotWritten, match=r"figure\.png: cannot be written"):
-        on_root_at_leisure(comm, fail)
+
+def _square_here(k: int) -> tuple[int, int]:
+    return k * k, os.getpid()
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.uint64])

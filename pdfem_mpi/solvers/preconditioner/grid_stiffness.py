@@ -6,6 +6,7 @@ any number of ranks, and the same above the diagonal as below it.
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import product as pairs_of
 from typing import TYPE_CHECKING
 
@@ -37,6 +38,12 @@ DIAGONAL = 13
 _OFFSETS = np.array(list(pairs_of((-1, 0, 1), repeat=3)))
 
 
+@cache
+def _table(a: int | None, b: int | None) -> np.ndarray:
+    """`moment_table` of products of two of a cell's functions, differentiated along these axes, (27, 64)."""
+    return moment_table((a, b)).reshape(27, 64)
+
+
 def cell_stiffness(moments: np.ndarray, h: np.ndarray, ratios: np.ndarray, spring: float) -> np.ndarray:
     """Stiffness of each grid cell by corners and components, float64, shape (n_cells, 8, 3, 8, 3).
 
@@ -52,7 +59,7 @@ def cell_stiffness(moments: np.ndarray, h: np.ndarray, ratios: np.ndarray, sprin
     for k, nu in enumerate(ratios):
         lam, mu = (float(modulus[0]) for modulus in lame_moduli(np.ones(1), float(nu)))
         for a, b in pairs_of(range(3), repeat=2):
-            products = product(moments[:, k], moment_table((a, b)).reshape(27, 64)) / (h[a] * h[b])
+            products = product(moments[:, k], _table(a, b)) / (h[a] * h[b])
             products = products.reshape(-1, 8, 8)
             stiffness[:, :, a, :, b] += lam * products
             stiffness[:, :, b, :, a] += mu * products
@@ -60,7 +67,7 @@ def cell_stiffness(moments: np.ndarray, h: np.ndarray, ratios: np.ndarray, sprin
                 for c in range(3):
                     stiffness[:, :, c, :, c] += mu * products
     for d in range(3):
-        held = product(moments[:, len(ratios) + d], moment_table((None, None)).reshape(27, 64))
+        held = product(moments[:, len(ratios) + d], _table(None, None))
         stiffness[:, :, d, :, d] += spring * held.reshape(-1, 8, 8)
     return stiffness
 

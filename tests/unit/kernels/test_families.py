@@ -151,7 +151,7 @@ def test_own_cluster_and_padding_are_slots_without_a_bond():
 
 
 def test_a_range_of_clusters_at_a_time():
-    """Searching clusters first:last in turn writes what one call writes."""
+    """Searching clusters first:last in turn, or with little room, writes what one call writes."""
     whole = body((3, 2, 1))
     share = part(whole)
     points, rows = share.points, share.bonds.interior
@@ -162,14 +162,24 @@ def test_a_range_of_clusters_at_a_time():
     nothing = np.full(n // 2, -1), np.zeros((n // 2, 0))
     start = np.zeros_like(rows.start)
     start[1:] = -1
-    offset = np.zeros_like(rows.offset)
-    for first, last in ((0, 1), (1, 5), (5, 5), (5, n)):
-        families.find_rows(
+    found = []
+
+    def search(first, last, n_room):
+        room = np.empty(n_room, np.uint32)
+        end = families.find_rows(
             first, last, points.x, n, False, points.cell_number, *nothing, centre, radius, CUTOFF,
-            centre.min(axis=0), 1e3, bins, *everything, start, offset, np.empty(n, np.int64),
+            centre.min(axis=0), 1e3, bins, *everything, start, room, np.empty(n, np.int64),
         )  # fmt: skip
+        found.append(room[: start[W * end] - start[W * first]])
+        return end
+
+    for first, last in ((0, 1), (1, 5), (5, 5)):
+        assert search(first, last, 16 * n) == last
+    assert search(5, n, 3) == 5
+    assert search(5, n, W * (n - 5)) == 6
+    assert search(6, n, W * n * n) == n
     assert (start == rows.start).all()
-    assert (offset == rows.offset).all()
+    assert (np.concatenate(found) == rows.offset[:-1]).all()
 
 
 @pytest.mark.nojit
