@@ -42,7 +42,7 @@ class Ceilings:
         """
         matters = (steepest > 0.0) & np.isfinite(least)
         room = np.full(len(least), np.inf)
-        room[matters] = (least - self._known)[matters] / steepest[matters]
+        room[matters] = (least[matters] - self._known[matters]) / steepest[matters]
         return room
 
     def are_due(self, searched: int, n_cells: int) -> bool:
