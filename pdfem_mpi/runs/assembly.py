@@ -57,9 +57,10 @@ class Assembly(Readings):
     kept_cycle: Cycle | None = None
     most_needed: float = 0.0
 
-    def build(self, share: Share) -> None:
-        """Make the equations of a share of the body. Collective."""
-        self.model = build_model(self.scene, share, self.comm, self.caches)
+    def build(self, share: Share, again: bool = False) -> None:
+        """Make the equations of a share of the body, where bonds are elsewhere ``again``. Collective."""
+        without = ("own_energy",) if again else ()  # it is told of the first body
+        self.model = build_model(self.scene, share, self.comm, self.caches, without)
         # the whole body goes here, and the surface that only bonds of a region to be found are still compared with
         self.share = replace(share, boundaries=None, surface=share.surface if share.found else np.empty((0, 4, 3)))
         self.case = make_load_case(self.scene, self.share, self.model)
