@@ -74,6 +74,7 @@ class Foretelling:
         self._connectivity = local_nodes(share)[share.mesh.cells[around.overlap]]
         corners = share.nodes[share.mesh.cells[self.cells]]
         self._inverse, self._tapered = _inverse_in_the_middle(corners), _tapered(corners)
+        self._steep = 0.5 * np.sqrt((self._inverse**2).sum(axis=2)).sum(axis=1)
         self._seams = Seams.of(share, self._real, len(self.cells))
         self._limits, self._class_of = _limits(scene, share, around.point_cells)
         self._asked = ~share.found.is_turned[self.cells]
@@ -172,8 +173,8 @@ class Foretelling:
         """
         strain = np.zeros(len(self._class_of))
         free, own = self._n_free, len(self.cells)
-        shapes = self._inverse, self._tapered
-        strains_by_points(self._S, *(rows[:free] for rows in shapes), enough / NEARLY, strain[:free])
+        shapes = self._inverse, self._steep, self._tapered
+        strains_by_points(self._S, *(rows[:free] for rows in shapes[::2]), enough / NEARLY, strain[:free])
         shapes = *(rows[free:] for rows in shapes), self._S, free
         strains_by_nodes(self._connectivity, *shapes, moved, enough / NEARLY, strain[free:own])
         strain[:own] *= NEARLY
