@@ -23,6 +23,7 @@ from pdfem_mpi.runs.region_watch import RegionWatch
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
 from pdfem_mpi.solvers.preconditioner.cycle import Cycle
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
+from pdfem_mpi.system.heap import give_back
 
 Note = Callable[[str], None]
 
@@ -91,6 +92,7 @@ class Assembly(Readings):
         self.known = {"evaluations": forces.evaluations, "swept": forces.swept, "seconds": forces.seconds}
         self.model = self.case = self.forces = self.failure = self.solver = None
         self.gauges = self.probe_reader = self.region_watch = None
+        give_back()  # what the solver's loops took
 
     def weigh_stretches(self, setting: np.ndarray, breaking: np.ndarray) -> None:
         """Count stretches by weights of single bonds: for studies of criteria, which the program's own are not.
