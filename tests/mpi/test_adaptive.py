@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi import Simulation
+from pdfem_mpi.body import cutting, found_region
 from pdfem_mpi.deck.programs import Events
 from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.parallel.slabs import redistribute
@@ -33,8 +34,14 @@ def on_one_rank():
     return told(plate(), mpi().COMM_SELF)
 
 
-def test_histories_do_not_depend_on_the_number_of_ranks(comm):
+def test_histories_do_not_depend_on_the_number_of_ranks(comm, monkeypatch):
+    """Also where the body without bonds is made anew at every switch, as large ones are."""
     expected, found = on_one_rank(), told(plate(), comm)
+    made, discretize = [], cutting.discretize
+    monkeypatch.setattr(cutting, "discretize", lambda *body: made.append(True) or discretize(*body))
+    monkeypatch.setattr(found_region, "FEW_CELLS", 0)
+    assert_all(comm, told(plate(), comm) == expected, "a body that is made anew is another one")
+    assert_all(comm, len(made) > 2, "the body was kept")
     for what, one, many in zip(("rows", "turned cells", "broken bonds"), expected, found, strict=True):
         assert_all(comm, one == many, f"{what} differ from those of one rank")
     assert_all(comm, sum(row["event"] == "switch" for row in expected[0]) >= 2, "nothing was switched")
