@@ -65,11 +65,11 @@ def share_of(
             return _cut(scene, comm, sight.body, sight.owner, sight=sight)
         if before_whole:
             before_whole()
-    known = before.found if before and before.found.elements else None
+    known = before.found.before if before else None
     whole = known.elements if known else discretize(scene, mesh, comm)
     if not scene.is_adaptive:
         return make_share(scene, whole, comm)
-    region = turn(scene, whole, turning, comm.size == 1, known)
+    region = turn(scene, whole, turning, comm.size, known)
     return make_share(scene, region.whole, comm, region)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from pdfem_mpi.body.describing import describe
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.near_cracks import near_cracks
+from pdfem_mpi.body.near_places import NearPlaces
 from pdfem_mpi.body.selection import ChosenFaces, ChosenSpots, select_places
 from pdfem_mpi.body.subdomain import Subdomain, cut_out
 from pdfem_mpi.deck.loads import BodyForce
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 
 #: Distances are compared with this relative tolerance, so that twins in a mirror are turned together.
 DISTANCE_TOLERANCE = 1e-9
+#: Bodies of so many cells are kept as they are without bonds, on every rank: 50 MB, and a switch need not make them
+#: again. One rank keeps any.
+FEW_CELLS = 2**18
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,22 @@ class Turning:
 
 
 @dataclass(frozen=True)
+class Unturned:
+    """The whole body before any cell was turned.
+
+    Attributes
+    ----------
+    elements : Discretization
+    can_turn, at_the_end : bool, shape (n_cells,)
+        As of `FoundRegion`, of all cells.
+    """
+
+    elements: Discretization
+    can_turn: np.ndarray
+    at_the_end: np.ndarray
+
+
+@dataclass(frozen=True)
 class FoundRegion:
     """What a rank knows of a region that is found; rows of arrays are the cells of its share.
 
@@ -78,8 +98,8 @@ class FoundRegion:
         The share with points in every cell: free ones where its points are free, others that follow nodes.
     left : int
         Cells of the body that could still be turned.
-    elements : Discretization or None
-        On one rank, whose mesh is the whole one: the body before any cell was turned.
+    before : Unturned or None
+        What does not hang on which cells are turned, where it is kept.
     """
 
     turned: np.ndarray
@@ -90,7 +110,7 @@ class FoundRegion:
     at_the_end: np.ndarray
     around: Subdomain
     left: int
-    elements: Discretization | None = None
+    before: Unturned | None = None
 
     def part(self, mesh: MeshPart, places: Subdomain) -> FoundRegion:
         """The rows of a part of the mesh, and its places."""
@@ -111,8 +131,8 @@ def turn(
     scene: Scene,
     elements: Discretization,
     turning: Turning | None,
-    alone: bool = False,
-    before: FoundRegion | None = None,
+    ranks: int = 1,
+    before: Unturned | None = None,
 ) -> WholeRegion:
     """Turn cells of a body that has elements everywhere.
 
@@ -120,10 +140,10 @@ def turn(
     ----------
     turning : Turning or None
         None: no cell.
-    alone : bool
-        There is one rank, which keeps the body as it is now.
-    before : FoundRegion, optional
-        Of the same body with other turned cells, with rows of all cells: what does not hang on these is taken from it.
+    ranks : int
+        That have a share of it.
+    before : Unturned, optional
+        What was kept of the same body.
 
     Raises
     ------
@@ -131,6 +151,7 @@ def turn(
         No cell can be turned, or bonds leave no element outside.
     """
     mesh, settings = elements.mesh, scene.adaptive
+    reach = settings.reach * elements.units.length
     can_turn = before.can_turn if before else _can_turn(scene, elements)
     if not can_turn.any():
         raise SceneError([
@@ -138,7 +159,8 @@ def turn(
             f"within adaptive.buffer_layers = {settings.buffer_layers} of such cells or of elements that stay. Use a "
             "finer mesh, or hold and load less."
         ])  # fmt: skip
-    length = elements.units.length
+    if before is None and (ranks == 1 or len(can_turn) <= FEW_CELLS):
+        before = Unturned(elements, can_turn, _within(mesh.centroids, ~can_turn, reach))
     is_turned = np.zeros(len(mesh.cells), bool)
     if turning is not None:
         is_turned[turning.turned] = True
@@ -148,7 +170,6 @@ def turn(
         bonds = mesh.neighbours(bonds)
     materials = elements.materials, elements.material
     whole = replace(elements, **describe(scene, mesh, elements.quality, elements.region, bonds, materials))
-    reach = settings.reach * length
     rows = FoundRegion(
         turned=np.flatnonzero(is_turned),
         is_turned=is_turned,
@@ -158,7 +179,7 @@ def turn(
         at_the_end=before.at_the_end if before else _within(mesh.centroids, ~can_turn, reach),
         around=_NO_SUBDOMAIN,
         left=int(np.count_nonzero(can_turn & ~is_turned)),
-        elements=elements if alone else None,
+        before=before,
     )
     return WholeRegion(whole, rows)
 
@@ -176,8 +197,6 @@ _NO_SUBDOMAIN = Subdomain(*[_NONE] * 10)
 
 def _chosen(scene: Scene, elements: Discretization, turning: Turning) -> np.ndarray:
     """Cells near what the turning names; bool, shape (n_cells,)."""
-    from scipy.spatial import cKDTree
-
     mesh, length = elements.mesh, elements.units.length
     seeds = np.zeros(len(mesh.cells), bool)
     seeds[turning.near_cells] = True
@@ -186,22 +205,22 @@ def _chosen(scene: Scene, elements: Discretization, turning: Turning) -> np.ndar
         cracked = near_cracks(scene, mesh, elements.cutoff * length)
         found |= _within(mesh.centroids, cracked, scene.adaptive.reach * length)
     if turning.near_places is not None and len(turning.near_places):
-        bound = turning.place_radius * (1.0 + DISTANCE_TOLERANCE)
-        distance, _ = cKDTree(turning.near_places).query(mesh.centroids, distance_upper_bound=bound)
-        found |= np.isfinite(distance)
+        found |= _are_near(turning.near_places, mesh.centroids, turning.place_radius)
     return found
 
 
 def _within(centroids: np.ndarray, chosen: np.ndarray, radius: float) -> np.ndarray:
     """Cells whose centroid is within a radius of that of a chosen one; bool, shape (n_cells,)."""
-    from scipy.spatial import cKDTree
-
     if not chosen.any() or chosen.all():
         return chosen.copy()
-    bound, found, others = radius * (1.0 + DISTANCE_TOLERANCE), chosen.copy(), np.flatnonzero(~chosen)
-    distance, _ = cKDTree(centroids[chosen]).query(centroids[others], distance_upper_bound=bound)
-    found[others] = np.isfinite(distance)
+    found, others = chosen.copy(), np.flatnonzero(~chosen)
+    found[others] = _are_near(centroids[chosen], centroids[others], radius)
     return found
+
+
+def _are_near(places: np.ndarray, x: np.ndarray, radius: float) -> np.ndarray:
+    """Which of other places, (n, 3), are within a radius of some; bool, shape (n,)."""
+    return np.isfinite(NearPlaces(places, radius * (1.0 + DISTANCE_TOLERANCE)).distances(x))
 
 
 def _can_turn(scene: Scene, elements: Discretization) -> np.ndarray:

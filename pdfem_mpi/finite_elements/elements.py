@@ -83,7 +83,7 @@ class Elements:
         return bool(self.turning)
 
     def per_node(self, pick: Callable[[np.ndarray], np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Numbers taken from the elements' stiffness matrices, for their nodes.
+        """Numbers taken from the elements' stiffness matrices, for their nodes, some elements at a time.
 
         Parameters
         ----------
@@ -96,7 +96,10 @@ class Elements:
         numbers : float64, shape (n, 8, k)
         """
         for part in self.shared:
-            yield part.connectivity, part.scale[:, None, None] * pick(part.stiffness[None])
+            numbers = pick(part.stiffness[None])
+            for start in range(0, len(part.connectivity), BATCH):
+                batch = slice(start, start + BATCH)
+                yield part.connectivity[batch], part.scale[batch, None, None] * numbers
         if self.general:
             part = self.general
             for start in range(0, len(part.connectivity), BATCH):

@@ -59,17 +59,18 @@ def assemble(comm, nodes: Nodes, contributions, width: int) -> np.ndarray:
 
     Parameters
     ----------
-    contributions : list of (int32 (n, 8), float64 (n, 8, width))
-        Local nodes of cells, and a row of numbers for each.
+    contributions : callable
+        Gives, each time anew, pairs of int32 (n, 8) and float64 (n, 8, width): local nodes of some cells, and a row of
+        numbers for each.
 
     Returns
     -------
     float64, shape (n_owned, width)
     """
-    top = max((float(np.abs(numbers).max(initial=0.0)) for _, numbers in contributions), default=0.0)
+    top = max((float(np.abs(numbers).max(initial=0.0)) for _, numbers in contributions()), default=0.0)
     quantum, _ = pattern_for(float(largest(comm, np.array([top]))[0]))
     total = np.zeros((len(nodes.number), width), np.int64)
-    for where, numbers in contributions:
+    for where, numbers in contributions():
         rows = np.ascontiguousarray(numbers).reshape(-1, width)
         add_rounded_rows(np.ascontiguousarray(where).reshape(-1), rows, quantum, total)
     nodes.halo.scatter_reverse(total)

@@ -20,7 +20,7 @@ _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "
 
 
 @njit(**_options)
-def strains_by_nodes(connectivity, inverse, tapered, S, first, u, enough, strain):
+def strains_by_nodes(connectivity, inverse, steep, tapered, S, first, u, enough, strain):
     """Bound the largest principal strain in cells that follow nodes.
 
     Parameters
@@ -28,6 +28,9 @@ def strains_by_nodes(connectivity, inverse, tapered, S, first, u, enough, strain
     connectivity : int32, shape (n, 8)
     inverse : float64, shape (n, 3, 3), dimension length^-1
         ``d r_k / d x_d`` in the middle of each cell, indices k and d.
+    steep : float64, shape (n,), dimension length^-1
+        Half the sum of the lengths of its rows, of parallelepipeds: times the size of the box around the displacements
+        of a cell's nodes it bounds the strain.
     tapered : bool, shape (n,)
         Cells that are no parallelepipeds: their strain is told from their corners, each with its own ``d r_k / d x_d``.
     S : float64, shape (n_cells * 48,)
@@ -40,6 +43,17 @@ def strains_by_nodes(connectivity, inverse, tapered, S, first, u, enough, strain
     """
     moved, placed = np.empty((8, 3)), np.empty((8, 3))
     for cell in range(strain.size):
+        box = 0.0
+        for c in range(3):
+            low = high = u[connectivity[cell, 0], c]
+            for a in range(1, 8):
+                value = u[connectivity[cell, a], c]
+                low, high = min(low, value), max(high, value)
+            box += (high - low) ** 2
+        box = math.sqrt(box)
+        if not tapered[cell] and steep[cell] * box <= enough:
+            strain[cell] = steep[cell] * box
+            continue
         for a in range(8):
             for c in range(3):
                 moved[a, c] = u[connectivity[cell, a], c]
@@ -222,7 +236,9 @@ def gaps_between(S, cells, nodes, held, lowest, highest, apart):
 _f8, _table, _real = types.float64[::1], types.float64[:, ::1], types.float64
 _shapes = types.float64[:, :, ::1], types.boolean[::1]
 SIGNATURES = {
-    strains_by_nodes: types.void(types.int32[:, ::1], *_shapes, _f8, types.int64, _table, _real, _f8),
+    strains_by_nodes: types.void(
+        types.int32[:, ::1], _shapes[0], _f8, _shapes[1], _f8, types.int64, _table, _real, _f8
+    ),
     strains_by_points: types.void(_f8, *_shapes, _real, _f8),
     gaps_between: types.void(_f8, types.int64[::1], types.int32[:, ::1], types.boolean[:, ::1], _table, _table, _f8),
 }

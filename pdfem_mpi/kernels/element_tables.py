@@ -1,6 +1,7 @@
 """Tables of trilinear elements: stiffness, masses (21)-(22), bounds of forces, and geometry for the sweeps."""
 
 import numpy as np
+from numba import njit, types
 
 from pdfem_mpi.kernels.hex8 import gauss_gradients, inverse_jacobians
 from pdfem_mpi.kernels.simd import W
@@ -30,16 +31,40 @@ def element_stiffness(
 
 def stiffness_of_moduli(coordinates: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> np.ndarray:
     """`element_stiffness` from Lame's moduli, shape (n,), dimension force / length^2."""
-    gradients, volumes = gauss_gradients(coordinates)
-    gradients = np.ascontiguousarray(gradients.transpose(1, 2, 3, 0))  # elements innermost, for long loops of numpy
-    stiffness = np.zeros((8, 3, 8, 3, len(coordinates)))
-    for g in range(8):
-        weight = volumes[:, g]
-        products = gradients[g][:, :, None, None] * gradients[g]  # [a, i, b, j]
-        laplacian = products[:, 0, :, 0] + products[:, 1, :, 1] + products[:, 2, :, 2]
-        stiffness += weight * lam * products
-        stiffness += weight * mu * (products.swapaxes(1, 3) + laplacian[:, None, :, None] * np.eye(3)[:, None, :, None])
-    return np.ascontiguousarray(np.moveaxis(stiffness, -1, 0)).reshape(-1, 24, 24)
+    stiffness = np.zeros((len(coordinates), 8, 3, 8, 3))
+    arrays = *gauss_gradients(coordinates), lam, mu
+    add_stiffness(*(np.ascontiguousarray(array) for array in arrays), stiffness)
+    return stiffness.reshape(-1, 24, 24)
+
+
+@njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
+def add_stiffness(gradients, volumes, lam, mu, stiffness):
+    """Add the stiffness of elements, Gauss point by Gauss point.
+
+    Parameters
+    ----------
+    gradients : float64, shape (n, 8, 8, 3), dimension length^-1
+        Of the shape functions, by element, Gauss point, node and axis.
+    volumes : float64, shape (n, 8), dimension length^3
+    lam, mu : float64, shape (n,), dimension force / length^2
+    stiffness : float64, shape (n, 8, 3, 8, 3), dimension force / length
+    """
+    for e in range(lam.size):
+        for g in range(8):
+            bulk, shear = volumes[e, g] * lam[e], volumes[e, g] * mu[e]
+            for a in range(8):
+                for b in range(8):
+                    laplacian = gradients[e, g, a, 0] * gradients[e, g, b, 0]
+                    laplacian += gradients[e, g, a, 1] * gradients[e, g, b, 1]
+                    laplacian += gradients[e, g, a, 2] * gradients[e, g, b, 2]
+                    for i in range(3):
+                        for j in range(3):
+                            product = gradients[e, g, a, i] * gradients[e, g, b, j]
+                            other = gradients[e, g, a, j] * gradients[e, g, b, i]
+                            if i == j:
+                                other += laplacian
+                            stiffness[e, a, i, b, j] += bulk * product
+                            stiffness[e, a, i, b, j] += shear * other
 
 
 def lame_moduli(youngs_modulus: np.ndarray, poissons_ratio: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -140,3 +165,11 @@ def gradient_tables(coordinates: np.ndarray) -> np.ndarray:
     n = len(rows)
     padded = rows[np.minimum(np.arange(-(-n // W) * W), n - 1)]
     return np.ascontiguousarray(np.moveaxis(padded.reshape(-1, W, 8, 10), 1, 3))
+
+
+_f8 = types.float64[::1]
+SIGNATURES = {
+    add_stiffness: types.void(
+        types.float64[:, :, :, ::1], types.float64[:, ::1], _f8, _f8, types.float64[:, :, :, :, ::1]
+    ),
+}

@@ -51,8 +51,9 @@ def near_larger(bins, members, place, centre, reach2, number, more, around, more
     """
     for cell in range(limit.size):
         i, j, k = place[cell]
-        chosen[cell] = around[i, j, k] + more_around[i, j, k] > limit[cell] and _is_near_larger(
-            bins, members, place, centre, reach2, number, more, cell, limit[cell]
+        chosen[cell] = limit[cell] < 0.0 or (
+            around[i, j, k] + more_around[i, j, k] > limit[cell]
+            and _is_near_larger(bins, members, place, centre, reach2, number, more, cell, limit[cell])
         )
 
 
@@ -70,6 +71,35 @@ def _is_near_larger(bins, members, place, centre, reach2, number, more, cell, li
                         if top + most > limit:
                             return True
     return False
+
+
+@njit(**_options)
+def largest_near(bins, members, place, centre, reach2, number, more, around, more_around, enough, largest):
+    """Bound the sums of the largest numbers of both kinds within the reach of each of the first cells.
+
+    Parameters
+    ----------
+    bins, members, place, centre, reach2, number, more, around, more_around
+        As of `near_larger`.
+    enough : float64, shape (n,)
+        Below this the largest of the bins will do.
+    largest : float64, shape (n,)
+        Overwritten.
+    """
+    for cell in range(largest.size):
+        i, j, k = place[cell]
+        largest[cell] = around[i, j, k] + more_around[i, j, k]
+        if largest[cell] <= enough[cell]:
+            continue
+        top, most = 0.0, 0.0
+        for a in range(i - 1, i + 2):
+            for b in range(j - 1, j + 2):
+                for c in range(k - 1, k + 2):
+                    for m in range(bins[a, b, c, 0], bins[a, b, c, 1]):
+                        other = members[m]
+                        if (number[other] > top or more[other] > most) and are_near(centre, cell, other, reach2):
+                            top, most = max(top, number[other]), max(most, more[other])
+        largest[cell] = top + most
 
 
 @njit(**_options)
@@ -100,5 +130,6 @@ PLACES = (*_bins, types.int32[:, ::1], _table, types.float64)
 SIGNATURES = {
     raise_bins: types.void(*_bins, _f8, _grid),
     near_larger: types.void(*PLACES, _f8, _f8, _grid, _grid, _f8, types.boolean[::1]),
+    largest_near: types.void(*PLACES, _f8, _f8, _grid, _grid, _f8, _f8),
     mark_around: types.void(*PLACES, types.int64[::1], types.boolean[::1]),
 }

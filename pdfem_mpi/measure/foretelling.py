@@ -4,7 +4,8 @@ At every cell of the body there are eight points: those of bonds have displaceme
 follow the nodes. The strain of a cell alone would not do: its bonds reach into neighbours with twice of it.
 
 Who asks says from which ratio on it matters. How far each cell is strained is told first, from its nodes or points
-alone; only near to what is strained that far are bonds looked at, and what surrounds a cell is found once.
+alone; only near to what is strained that far are bonds looked at, and what surrounds a cell is found once. What was
+told of a state bounds what may be told of the next: only what cells were strained by since counts (`Ceilings`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from pdfem_mpi.kernels.cell_strains import ROWS, strains_by_nodes, strains_by_po
 from pdfem_mpi.kernels.foretold import follow_nodes, raise_ratios
 from pdfem_mpi.kernels.hex8 import REFERENCE_NODES
 from pdfem_mpi.kernels.simd import W
+from pdfem_mpi.measure.ceilings import Ceilings
 from pdfem_mpi.measure.seams import Seams
 from pdfem_mpi.measure.surroundings import Surroundings
 from pdfem_mpi.model.model import Model
@@ -37,6 +39,10 @@ ROUNDED = 2.0**-20
 NEARLY = 1.1
 #: Cells whose corners are so much nearer to those of a parallelepiped, relative to the edges, are one.
 STRAIGHT = 1e-6
+#: Bonds that are looked at are told from this part of what matters on, so that a cell need not be looked at again soon.
+TOLD_FROM = 0.5
+#: Strains are bounded roughly below this part of what matters.
+ROUGHLY = 0.25
 
 
 class Foretelling:
@@ -68,9 +74,12 @@ class Foretelling:
         self._connectivity = local_nodes(share)[share.mesh.cells[around.overlap]]
         corners = share.nodes[share.mesh.cells[self.cells]]
         self._inverse, self._tapered = _inverse_in_the_middle(corners), _tapered(corners)
+        self._steep = 0.5 * np.sqrt((self._inverse**2).sum(axis=2)).sum(axis=1)
         self._seams = Seams.of(share, self._real, len(self.cells))
         self._limits, self._class_of = _limits(scene, share, around.point_cells)
         self._asked = ~share.found.is_turned[self.cells]
+        self._steepest = np.where(self._asked, self._limits.max(axis=1)[self._class_of[: len(self.cells)]], 0.0)
+        self._ceilings = Ceilings(len(self.cells))
         self._lent, self._source = _lent(points), np.arange(len(points.cell_number))
         if points.images:
             self._source[len(self._source) - len(points.images.source) :] = points.images.source
@@ -107,19 +116,23 @@ class Foretelling:
         float64, shape (n_owned,)
             0 where it does not matter, and for other cells.
         """
-        moved, own = self._move(u), len(self.cells)
-        ratio = np.zeros(len(self._class_of))
-        ratio[:own] = least = np.maximum(least - ROUNDED, 0.0)
-        limit = self._strain_limits(ratio[:own])
-        enough = -float(largest(self.share.comm, np.array([-limit.min(initial=np.inf)]))[0])
-        chosen = self._surroundings.near_larger(*self._strains(moved, enough, damaged), limit)
-        if not sum_integers(self.share.comm, np.array([len(chosen)]))[0]:
+        own, comm, ceilings = len(self.cells), self.share.comm, self._ceilings
+        least = np.maximum(least - ROUNDED, 0.0) + np.zeros(own)
+        moved = self._move(ceilings.change(u))
+        steepest, enough = self._steepest, ROUGHLY * float(least.min(initial=np.inf) / max(self._limits.max(), 1e-300))
+        strain, opening = self._strains(moved, enough, damaged)
+        chosen = self._surroundings.near_larger(strain, opening, ceilings.room(least, steepest))
+        if not (searched := int(sum_integers(comm, np.array([len(chosen)]))[0])):
             return np.zeros(own)
-        needed = self._lent.copy()
+        moved, needed, ratio = self._move(u), self._lent.copy(), np.zeros(len(self._class_of))
         needed[self._source[self._surroundings.marked(chosen)]] = True
         self._displace(self._n_free + np.flatnonzero(needed[self._n_free : own]), moved)
         rest = self._S, self._class_of, self._limits, self.share.cutoff**2
+        ratio[:own] = TOLD_FROM * least
         raise_ratios(*self._surroundings.rows, chosen, *rest, *self._surface, ratio)
+        if ceilings.are_due(searched, self.share.counts.cells):
+            rise = self._surroundings.largest_rise(strain, opening, steepest)
+            ceilings.renew(u, rise, chosen, ratio)
         found = np.rint(ratio[:own] / ROUNDED) * ROUNDED
         return np.where(ratio[:own] > least, found, 0.0)
 
@@ -160,8 +173,8 @@ class Foretelling:
         """
         strain = np.zeros(len(self._class_of))
         free, own = self._n_free, len(self.cells)
-        shapes = self._inverse, self._tapered
-        strains_by_points(self._S, *(rows[:free] for rows in shapes), enough / NEARLY, strain[:free])
+        shapes = self._inverse, self._steep, self._tapered
+        strains_by_points(self._S, *(rows[:free] for rows in shapes[::2]), enough / NEARLY, strain[:free])
         shapes = *(rows[free:] for rows in shapes), self._S, free
         strains_by_nodes(self._connectivity, *shapes, moved, enough / NEARLY, strain[free:own])
         strain[:own] *= NEARLY
@@ -178,12 +191,6 @@ class Foretelling:
         for number in (strain, opening):
             halo.scatter_forward(number[: halo.n_owned + halo.n_ghost])
         return strain[self._source], opening[self._source]
-
-    def _strain_limits(self, least: np.ndarray) -> np.ndarray:
-        """Strains up to which no bond of a cell is above the least ratio, of the rank's cells; float64, (n_owned,)."""
-        steepest = self._limits.max(axis=1)[self._class_of[: len(self.cells)]]
-        with np.errstate(divide="ignore"):
-            return np.where(self._asked & (steepest > 0.0), least / steepest, np.inf)
 
 
 NO_SURFACE = (

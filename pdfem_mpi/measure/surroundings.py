@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from pdfem_mpi.body.share import Share
-from pdfem_mpi.kernels.near_cells import mark_around, near_larger, raise_bins
+from pdfem_mpi.kernels.near_cells import largest_near, mark_around, near_larger, raise_bins
 from pdfem_mpi.parallel.comm import largest
 from pdfem_mpi.peridynamics.clusters import point_rows
 from pdfem_mpi.peridynamics.points import Points
 
 #: Cells of a lattice stand whole edges apart: this much farther, relative, none is just as far as the reach.
 GUARD = 1e-9
+#: Rises of a ratio that need not be told closely.
+SMALL_RISE = 1.0 / 32.0
 #: Bins for each cell, at most: a few cells far apart do not need more.
 MOST_BINS = 8
 
@@ -66,6 +68,26 @@ class Surroundings:
         raise_bins(self._bins, self._members, more, self._more_around)
         near_larger(*self.rows, number, more, self._around, self._more_around, limit, chosen)
         return np.flatnonzero(chosen)
+
+    def largest_rise(self, number: np.ndarray, more: np.ndarray, steepest: np.ndarray) -> np.ndarray:
+        """Bounds of the sums of the largest numbers of both kinds around the first cells, times what is steepest there.
+
+        Parameters
+        ----------
+        number, more : float64, shape (n_cells,)
+            Those that `near_larger` was asked about last.
+        steepest : float64, shape (n,)
+
+        Returns
+        -------
+        float64, shape (n,)
+            0 where the steepest is 0.
+        """
+        largest, counts = np.empty(len(steepest)), steepest > 0.0
+        enough = np.full(len(steepest), np.inf)
+        enough[counts] = SMALL_RISE / steepest[counts]
+        largest_near(*self.rows, number, more, self._around, self._more_around, enough, largest)
+        return steepest * np.where(counts, largest, 0.0)
 
     def marked(self, cells: np.ndarray) -> np.ndarray:
         """Which cells surround some, these included; bool, shape (n_cells,)."""

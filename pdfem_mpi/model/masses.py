@@ -36,7 +36,7 @@ def make_masses(comm, points, bonds, nodes, elements, overlap, stable) -> tuple[
         if overlap:
             lumped = _lumped(densities.reshape(-1, 8)[points.n_free : points.n_owned])
             contributions.append((overlap.connectivity, np.repeat(lumped[:, :, None], 3, axis=2)))
-        parts.append(assemble(comm, nodes, contributions, 3).reshape(-1))
+        parts.append(assemble(comm, nodes, lambda: contributions, 3).reshape(-1))
     return np.concatenate(parts), raised
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,7 +51,8 @@ class Model:
     points, bonds, nodes, elements, overlap : or None
         What the scene has; the same parts on every rank, though a rank's share may be empty.
     mass : float64, shape (n_unknowns,), dimension force / length
-        Fictitious masses (eqs 11, 22) of the unknowns: free points in cluster layout, then owned nodes.
+        Fictitious masses (eqs 11, 22) of the unknowns: free points in cluster layout, then owned nodes. Empty where
+        the region of bonds is found.
     raised_masses : int
         Points of the whole body whose masses are above those of eq. (11), which do not bound its stiffness.
     correction_remaining : float
@@ -127,35 +129,29 @@ class Model:
         return 0.5**planes
 
 
-def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, ...] = ()) -> Model:
+def build_model(
+    scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, ...] = (), without: Collection[str] = ()
+) -> Model:
     """Compute the constants of a rank's share. Collective.
+
+    Where the region of bonds is found, nothing relaxes but by masses of its own, and there are none.
 
     Parameters
     ----------
     fits : paths
         Folders where fits of bond factors are looked for and left.
+    without : names
+        Of attributes that nobody will ask for: "intact_weights", "own_energy".
 
     Raises
     ------
     SceneError
         A body whose bond factors cannot be fitted, or whose bonds do not bear its Poisson's ratio.
     """
-    counts = share.counts
-    points = bonds = nodes = elements = overlap = body_fit = None
-    remaining, cut, intact_weights, own_energy, most_uneven = 0.0, [], None, None, None
+    counts, made = share.counts, _NO_BONDS
+    nodes = elements = overlap = None
     if counts.point_cells:
-        share, points = with_needed_ghosts(share, comm, scene.kinematics == "finite")
-        bonds, remaining, body_fit = bonds_of_scene(scene, share, comm, points, fits)
-        points = replace(points, depths=None)
-        if remaining > CONVERGED:
-            virial = scene.peridynamics.surface_correction != "appendix_a"
-            most_uneven = most_uneven_point(comm, points, share.materials, bonds, virial)
-        if scene.output.has_damage:
-            intact_weights = family_weights(comm, points, bonds)
-        if scene.can_fail:
-            own_energy = energy_of_own_bonds(comm, scene, share, points, bonds)
-        cut = [cut_crack(share, comm, points, bonds, crack) for crack in scene.cracks]
-        cut_faces(share, points, bonds)
+        share, made = _make_bonds(scene, share, comm, fits, without)
     if counts.node_cells:
         nodes = make_nodes(share, comm)
         local = local_nodes(share)
@@ -163,30 +159,48 @@ def build_model(scene: Scene, share: Share, comm: Intracomm, fits: tuple[Path, .
         elements = make_elements(share, local, comm, scene.kinematics == "finite")
     if counts.overlap_cells:
         overlap = Overlap(local[share.mesh.cells[share.subdomain.overlap]])
-    mass, raised = make_masses(comm, points, bonds, nodes, elements, overlap, relaxes(scene))
+    points, mass, raised = made["points"], np.empty(0), 0
     springs, ties = (make(scene, share, _unknowns_of(points, nodes)) for make in (make_springs, make_ties))
+    if not scene.is_adaptive:
+        mass, raised = make_masses(comm, points, made["bonds"], nodes, elements, overlap, relaxes(scene))
+        mass = _restrained(comm, mass, springs, ties)
     return Model(
         comm=comm,
         units=share.units,
         subdomain=share.subdomain,
-        points=points,
-        bonds=bonds,
+        **made,
         nodes=nodes,
         elements=elements,
         overlap=overlap,
-        mass=_restrained(comm, mass, springs, ties),
-        correction_remaining=remaining,
-        most_uneven=most_uneven,
-        body_fit=body_fit,
-        cut=tuple(cut),
+        mass=mass,
         mirrors=share.mirrors,
         rollers=_rollers(share, points, nodes),
-        intact_weights=intact_weights,
         raised_masses=raised,
-        own_energy=own_energy,
         springs=springs,
         ties=ties,
     )
+
+
+#: What of a model its bonds are, where there are none.
+_NO_BONDS = {"points": None, "bonds": None, "correction_remaining": 0.0, "body_fit": None, "cut": ()}
+
+
+def _make_bonds(scene, share, comm, fits, without) -> tuple[Share, dict[str, Any]]:
+    """The share with the ghosts that its bonds reach, and what of a model these are; as `build_model`. Collective."""
+    share, points = with_needed_ghosts(share, comm, scene.kinematics == "finite")
+    bonds, remaining, body_fit = bonds_of_scene(scene, share, comm, points, fits)
+    points = replace(points, depths=None)
+    made = {"points": points, "bonds": bonds, "correction_remaining": remaining, "body_fit": body_fit}
+    if remaining > CONVERGED:
+        virial = scene.peridynamics.surface_correction != "appendix_a"
+        made["most_uneven"] = most_uneven_point(comm, points, share.materials, bonds, virial)
+    if scene.output.has_damage and "intact_weights" not in without:
+        made["intact_weights"] = family_weights(comm, points, bonds)
+    if scene.can_fail and "own_energy" not in without:
+        made["own_energy"] = energy_of_own_bonds(comm, scene, share, points, bonds)
+    made["cut"] = tuple(cut_crack(share, comm, points, bonds, crack) for crack in scene.cracks)
+    cut_faces(share, points, bonds)
+    return share, made
 
 
 def _unknowns_of(points: Points | None, nodes: Nodes | None) -> Unknowns:

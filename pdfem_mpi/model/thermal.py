@@ -74,5 +74,5 @@ def make_thermal(scene: Scene, share: Share, model: Model) -> Thermal | None:
         local = local_nodes(share)[nodes]
         contributions.append((local, element_forces(share.nodes[nodes], *moduli, strains_of(cells))))
     if model.nodes:
-        model.unknowns.of_nodes(forces)[:] = assemble(model.comm, model.nodes, contributions, 3)
+        model.unknowns.of_nodes(forces)[:] = assemble(model.comm, model.nodes, lambda: contributions, 3)
     return Thermal(forces, of_points, common, strains_of(np.union1d(share.subdomain.elements, share.subdomain.overlap)))

@@ -23,6 +23,7 @@ from pdfem_mpi.runs.region_watch import RegionWatch
 from pdfem_mpi.solvers.equilibrium import EquilibriumSolver, make_solver
 from pdfem_mpi.solvers.preconditioner.cycle import Cycle
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
+from pdfem_mpi.system.heap import give_back
 
 Note = Callable[[str], None]
 
@@ -57,9 +58,10 @@ class Assembly(Readings):
     kept_cycle: Cycle | None = None
     most_needed: float = 0.0
 
-    def build(self, share: Share) -> None:
-        """Make the equations of a share of the body. Collective."""
-        self.model = build_model(self.scene, share, self.comm, self.caches)
+    def build(self, share: Share, again: bool = False) -> None:
+        """Make the equations of a share of the body, where bonds are elsewhere ``again``. Collective."""
+        without = ("own_energy",) if again else ()  # it is told of the first body
+        self.model = build_model(self.scene, share, self.comm, self.caches, without)
         # the whole body goes here, and the surface that only bonds of a region to be found are still compared with
         self.share = replace(share, boundaries=None, surface=share.surface if share.found else np.empty((0, 4, 3)))
         self.case = make_load_case(self.scene, self.share, self.model)
@@ -90,6 +92,7 @@ class Assembly(Readings):
         self.known = {"evaluations": forces.evaluations, "swept": forces.swept, "seconds": forces.seconds}
         self.model = self.case = self.forces = self.failure = self.solver = None
         self.gauges = self.probe_reader = self.region_watch = None
+        give_back()  # what the solver's loops took
 
     def weigh_stretches(self, setting: np.ndarray, breaking: np.ndarray) -> None:
         """Count stretches by weights of single bonds: for studies of criteria, which the program's own are not.

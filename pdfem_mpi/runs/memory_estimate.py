@@ -143,6 +143,8 @@ def estimate(scene: Scene, share: Share) -> Need:
     rows, bonds = _count_bonds(share, cells)
     n_nodes = len(subdomain.owned_nodes) + len(subdomain.ghost_nodes)
     total = rows * ROW_BYTES[scene.kinematics] + len(share.mesh.cells) * CELL_BYTES + _apart_from_the_body(share)
+    if share.found and share.found.before and share.comm.size > 1:
+        total += share.counts.cells * CELL_BYTES  # the body without bonds
     n_cells = len(cells) + len(subdomain.ghosts) + len(subdomain.images)
     total += (8 * n_cells + 0.5 * n_nodes) * POINT_BYTES
     if bonds and scene.has_volumetric_part:

@@ -258,6 +258,8 @@ def left_out(scene: Scene, share: Share, failure: Failure | None, ranks: int) ->
         because("no cell has both descriptions", "overlap")
     if not counts.elements:
         because("no cell is a finite element", "elements")
+    if scene.is_adaptive:
+        because('regions with model = "auto": relaxation makes its own', "masses")
     if scene.solver.kind != "cg":
         because(f'solver.kind = "{scene.solver.kind}"', "intact_elements", "coarse_grid", "preconditioner_blocks")
     if isinstance(scene.stepping, Steps) and scene.stepping.n_steps == 1:

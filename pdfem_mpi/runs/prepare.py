@@ -92,7 +92,7 @@ def cut_share(scene: Scene, comm, turning: Turning | None = None, before: Share 
     SceneError
         On all ranks.
     """
-    if before and before.found.elements:
+    if before and before.found.before:
         return share_of(scene, comm, None, turning, before=before)
     mesh = before_whole = None
     if isinstance(scene.mesh, FileMesh):

@@ -53,7 +53,7 @@ def switch(simulation: Simulation, turning: Turning) -> None:
     books = Books.of(simulation.failure)
     simulation.let_go()
     simulation.need = need
-    simulation.build(share)
+    simulation.build(share, again=True)
     state.fields, state.bounds = {"u": np.zeros(simulation.model.n_unknowns)}, Bounds()
     unknowns = simulation.model.unknowns
     unknowns.of_points(state.u)[:] = cluster_layout(u_points)

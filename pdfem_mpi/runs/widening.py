@@ -137,7 +137,7 @@ class _Carried:
             The preconditioner's, of the intact body.
         """
         scene, factor = simulation.scene, simulation.state.load_factor
-        model = build_model(scene, share, simulation.comm)
+        model = build_model(scene, share, simulation.comm, without=("intact_weights", "own_energy"))
         case, state = make_load_case(scene, share, model), new_state(model)
         model.unknowns.of_points(state.u)[:] = cluster_layout(self.u_points)
         model.unknowns.of_nodes(state.u)[:] = self.u_nodes
@@ -194,7 +194,7 @@ class _Narrow:
         with large_arrays_apart():
             again = Turning(self.turned, np.empty(0, np.int64))
             share, simulation.share = cut_share(simulation.scene, simulation.comm, again, simulation.share), None
-            simulation.build(share)
+            simulation.build(share, again=True)
             simulation.assemble()
         with large_arrays_apart(APART_BESIDE_BONDS):
             solver = simulation.prepare_solver()

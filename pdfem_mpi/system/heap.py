@@ -37,6 +37,12 @@ def large_arrays_together() -> Iterator[None]:
         yield
 
 
+def give_back() -> None:
+    """Give the pages that were freed on the heap back to the system."""
+    with contextlib.suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(ctypes.c_size_t(0))
+
+
 @contextlib.contextmanager
 def _entered(threshold: int) -> Iterator[None]:
     _thresholds.append(threshold)

@@ -76,7 +76,6 @@ LATE_IMPORTS = {
     ("results.cursor", "pdfem_mpi.results"),
     ("mesh.exodus", "netCDF4"),
     ("body.boundaries", "scipy"),
-    ("body.found_region", "scipy"),
     ("body.softening", "scipy"),
     ("body.traction_opening", "scipy"),
     ("mesh.defects", "scipy"),

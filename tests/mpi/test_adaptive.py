@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi import Simulation
+from pdfem_mpi.body import cutting, found_region
 from pdfem_mpi.deck.programs import Events
 from pdfem_mpi.parallel.comm import broadcast, mpi
 from pdfem_mpi.parallel.slabs import redistribute
@@ -38,6 +39,28 @@ def test_histories_do_not_depend_on_the_number_of_ranks(comm):
     for what, one, many in zip(("rows", "turned cells", "broken bonds"), expected, found, strict=True):
         assert_all(comm, one == many, f"{what} differ from those of one rank")
     assert_all(comm, sum(row["event"] == "switch" for row in expected[0]) >= 2, "nothing was switched")
+
+
+def test_a_body_that_is_made_anew_is_the_same(comm, monkeypatch):
+    """Up to the first switch: the body without bonds is kept, or made again as that of a large mesh is."""
+    made, discretize = [], cutting.discretize
+    monkeypatch.setattr(cutting, "discretize", lambda *body: made.append(True) or discretize(*body))
+
+    def switched():
+        made.clear()
+        simulation = Simulation(plate(), comm)
+        reactions = []
+        for row in simulation.steps():
+            reactions.append(row["reaction"])
+            if row["event"] == "switch":
+                return reactions, simulation.share.found.turned.tolist(), len(made)
+        raise AssertionError("nothing was switched")
+
+    kept = switched()
+    monkeypatch.setattr(found_region, "FEW_CELLS", 0)
+    again = switched()
+    assert_all(comm, kept[:2] == again[:2], "the body that is made anew is another one")
+    assert_all(comm, (kept[2], again[2]) == (1, 3), f"it was made {kept[2]} and {again[2]} times")
 
 
 def test_runs_go_on_on_other_ranks(comm, tmp_path):

@@ -33,13 +33,19 @@ def node_blocks(model: Model, of_points: np.ndarray | None) -> np.ndarray:
         k = stiffness.reshape(-1, 8, 3, 8, 3)
         return np.stack([np.stack([k[:, a, i, a, j] for i, j in _ENTRIES], axis=1) for a in range(8)], axis=1)
 
-    contributions = list(model.elements.per_node(pick)) if model.elements else []
+    lumped = None
     if model.overlap:
         block = of_points[8 * model.points.n_free :].reshape(-1, 8, 6)
         lumped = np.zeros((len(block), 8, 6))
         for p in range(8):
             lumped += SHAPE_AT_GAUSS[p][:, None] ** 2 * block[:, p, None, :]
-        contributions.append((model.overlap.connectivity, lumped))
+
+    def contributions():
+        if model.elements:
+            yield from model.elements.per_node(pick)
+        if lumped is not None:
+            yield model.overlap.connectivity, lumped
+
     return assemble(model.comm, model.nodes, contributions, 6)
 
 

@@ -6,7 +6,8 @@ import pytest
 from pdfem_mpi import Simulation
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.kernels.hex8 import gauss_positions
-from pdfem_mpi.measure.foretelling import ROUNDED
+from pdfem_mpi.measure import foretelling as module
+from pdfem_mpi.measure.foretelling import ROUNDED, Foretelling
 from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.peridynamics.clusters import by_component
 from support.adaptive import plate
@@ -100,3 +101,34 @@ def test_what_opens_between_cells_is_looked_at(symmetry):
     found = foretelling.ratios(u, least)
     assert np.count_nonzero(expected > 2.0 * least) > 5
     np.testing.assert_allclose(found, np.where(expected > least, expected, 0.0), atol=2.0 * ROUNDED)
+
+
+def test_later_looks_tell_what_a_first_one_would(monkeypatch):
+    """A notch that opens little by little, elsewhere torn, under a load that falls: fewer cells are searched."""
+    simulation = Simulation(plate(), mpi().COMM_SELF)
+    scene, share, model = simulation.scene, simulation.share, simulation.model
+    later, searched, raise_ratios = simulation.region_watch.foretelling, [], module.raise_ratios
+
+    def counted(*values):
+        searched[-1] += len(values[5])
+        raise_ratios(*values)
+
+    x = share.mesh.centroids
+    random, torn = np.random.default_rng(7), np.zeros(len(share.cell_owner), bool)
+    next(simulation.follow())
+    u = simulation.state.u.copy()
+    monkeypatch.setattr(module, "raise_ratios", counted)
+    of_later, of_first = 0, 0
+    for k in range(12):
+        u = u * (1.0 + 0.01 * np.sin(k)) + random.normal(size=len(u)) * 1e-6
+        if k == 6:
+            torn = share.found.is_turned & (np.abs(x[:, 0] - 9.0) < 1.0) & (x[:, 1] < 6.0)
+        least = np.where(x[later.cells, 1] < 2.0 + k, 0.5, 0.8)
+        searched.append(0)
+        found = later.ratios(u, least, torn)
+        of_later += searched[-1]
+        searched.append(0)
+        np.testing.assert_array_equal(found, Foretelling(scene, share, model).ratios(u, least, torn))
+        of_first += searched[-1]
+    assert (found > 0.0).any()
+    assert 0 < 2 * of_later < of_first

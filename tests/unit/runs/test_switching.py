@@ -108,9 +108,9 @@ def test_the_old_body_is_gone_before_the_new_one_is_made(monkeypatch):
     simulation, alive, build = Simulation(plate(), mpi().COMM_SELF), [], Simulation.build
     old = [weakref.ref(simulation.model)]
 
-    def watched(self, share):
+    def watched(self, share, again=False):
         alive.append(old[0]() is not None)
-        build(self, share)
+        build(self, share, again)
         old[0] = weakref.ref(self.model)
 
     monkeypatch.setattr(Simulation, "build", watched)
@@ -203,7 +203,7 @@ def test_a_switch_that_does_not_fit_ends_before_it_is_made(monkeypatch):
     few = memory_estimate.Limit(1.0, "a job of this size")
     monkeypatch.setattr(memory_estimate, "own_limit", lambda: few)
     build, made = Simulation.build, []
-    monkeypatch.setattr(Simulation, "build", lambda self, share: (made.append(share), build(self, share)))
+    monkeypatch.setattr(Simulation, "build", lambda self, share, again: (made.append(share), build(self, share, again)))
     with pytest.raises(NotConverged, match=r"cannot grow: .* does not fit into memory"):
         rows_of(simulation)
     assert not made

@@ -71,15 +71,15 @@ def test_two_bodies_are_never_there_at_once(monkeypatch):
     held = [weakref.ref(simulation.model), weakref.ref(simulation.solver)]
     build_wider, build = widening.build_model, Simulation.build
 
-    def wider(*body):
+    def wider(*body, **more):
         alive.append([one() is not None for one in held])
-        model = build_wider(*body)
+        model = build_wider(*body, **more)
         held[:] = [weakref.ref(model)]
         return model
 
-    def narrow(self, share):
+    def narrow(self, share, again=False):
         alive.append([one() is not None for one in held])
-        build(self, share)
+        build(self, share, again)
 
     monkeypatch.setattr(widening, "build_model", wider)
     monkeypatch.setattr(Simulation, "build", narrow)
