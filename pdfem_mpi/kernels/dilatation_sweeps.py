@@ -331,7 +331,7 @@ def _changes(closed, weighted):
         in rows 3-5, and ``extremes[0]`` the largest change met, dimension force length.
         """
         zero = splat(0.0)
-        numbers = numbers_of(table)
+        numbers = numbers_of(1, table)
         M = held(table[V5])
         one = held(table[V6])
         peak = splat(extremes[0])

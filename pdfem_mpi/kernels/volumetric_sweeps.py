@@ -117,7 +117,7 @@ def _finite_sweep(closed, weighted):
         Parameters and result are those of the linear sweep.
         """
         zero = splat(0.0)
-        numbers = numbers_of(table)
+        numbers = numbers_of(1, table)
         M = held(table[V5])
         one = held(table[V6])
         for i in range(first, last):
@@ -190,7 +190,7 @@ def _tangent_sweep(closed, weighted):
             The first is raised to the largest component of a bond's force.
         """
         zero = splat(0.0)
-        numbers = numbers_of(table)
+        numbers = numbers_of(1, table)
         M = held(table[V5])
         one = held(table[V6])
         peak = splat(extremes[0])
