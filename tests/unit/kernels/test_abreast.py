@@ -8,8 +8,16 @@ from llvmlite import binding
 from unit.kernels.bodies import body, part, stored_bonds
 from unit.kernels.test_peridynamics import bound_for, displacements, finite_reference, linear_reference, table_of
 
-from pdfem_mpi.kernels import abreast, bond_response, bond_sweeps, point_table
+from pdfem_mpi.kernels import (
+    abreast,
+    bond_response,
+    bond_sweeps,
+    dilatation_sweeps,
+    point_table,
+    volumetric_sweeps,
+)
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
+from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.peridynamics.rows import Rows
 from support.helpers import run_python
 
@@ -113,3 +121,69 @@ def test_rows_abreast_give_the_bits_of_one_row(name, kind, keep):
     assert all((a == b).all() for a, b in zip(one, two, strict=True))
     assert (len(two[-1]) > 0) == ("failing" in name)
     assert two[2].any()
+
+
+def dilatations(share, u, name, weighted, rows, limit):
+    """Sums of the dilatations, extremes, records and stored numbers after a sweep over copies of the rows."""
+    S, failing = table_of(share, u).reshape(-1), "failing" in name
+    D, extremes = np.zeros(W * share.points.n_clusters), np.zeros(2)
+    _, pattern = pattern_for(1.0)
+    if share.bonds.finite:
+        sweep, table = dilatation_sweeps.finite_sweep("closed" in name, failing, weighted, rows), None
+    else:
+        sweep, table = dilatation_sweeps.linear_sweep(failing, weighted, rows), pattern
+    table = dilatation_sweeps.constants(pattern) if table is None else table
+    pairs, strengths, counter = np.zeros((20000, 2), np.int64), np.zeros((20000, 2), np.float32), np.zeros(1, np.int64)
+    one_class = np.zeros(share.points.n_clusters, np.uint8), np.array([limit]), np.array([[limit]])
+    found = []
+    for stored in share.bonds.rows:
+        row, weights = as_stored(stored), fitted_weights(stored, weighted)
+        n = len(row.start) - 1
+        done = sweep(
+            0, n, *row.arrays, S, D, D.view(np.int64), table, weights, extremes, *one_class, pairs, strengths, counter
+        )
+        assert done == n
+        found.append(row.data.view(np.int32))
+    n = int(counter[0])
+    return [*found, D.view(np.int64), extremes.view(np.int64), pairs[:n], strengths[:n].view(np.int32)]
+
+
+def fitted_weights(rows, weighted):
+    n = 2 * W * len(rows.offset) if weighted else 0
+    return np.random.default_rng(4).uniform(0.5, 1.5, n).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("name", "weighted"),
+    [("series", False), ("series", True), ("closed", False), ("series failing", False), ("closed failing", False),
+     ("linear", False), ("linear", True), ("linear failing", False)],
+)  # fmt: skip
+def test_dilatations_of_rows_abreast(name, weighted):
+    """Sums, extremes, records and stored numbers, with some bonds beyond the limit."""
+    share = part(body((4, 3, 3), "jittered"), owned=np.arange(20), finite="linear" not in name)
+    u = displacements(body((4, 3, 3), "jittered"), 3e-3)
+    limit = 3e-4 if "linear" in name else 1e-3
+    one, two = (dilatations(share, u, name, weighted, rows, limit) for rows in (1, 2))
+    assert all((a == b).all() for a, b in zip(one, two, strict=True))
+    assert (len(two[-1]) > 0) == ("failing" in name)
+    assert two[2].any()
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("name", ["series", "closed", "linear"])
+def test_volumetric_forces_of_rows_abreast(name, weighted):
+    share = part(body((4, 3, 3), "jittered"), owned=np.arange(20), finite=name != "linear")
+    u = displacements(body((4, 3, 3), "jittered"), 3e-3)
+    Q = np.random.default_rng(5).uniform(-1e-3, 1e-3, W * share.points.n_clusters)
+    found = []
+    for rows in (1, 2):
+        _, pattern = pattern_for(1.0)
+        S = table_of(share, u).reshape(-1)
+        sweep = volumetric_sweeps.force_sweep(share.bonds.finite, name == "closed", weighted, rows)
+        for stored in share.bonds.rows:
+            last = len(stored.start) - 1
+            table, weights = bond_response.constants(pattern), fitted_weights(stored, weighted)
+            assert sweep(0, last, *stored.arrays, S, S.view(np.int64), table, Q, weights) == last
+        found.append(S.view(np.int64).reshape(-1, 9, W)[:, 6:])
+    assert (found[0] == found[1]).all()
+    assert np.unique(found[0]).size > W * share.points.n_clusters
