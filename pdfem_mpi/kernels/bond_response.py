@@ -8,7 +8,8 @@ every rank; its relative error is about ``0.45 |e|^5``, 1.3e-8 at the limit, 1e-
 import numpy as np
 from numba import njit
 
-from pdfem_mpi.kernels.simd import W, fma, held, largest, prefetch, root
+from pdfem_mpi.kernels.abreast import for_first, gather, held, of_first, spread, take_from
+from pdfem_mpi.kernels.simd import W, fma, iadd, ihsum, largest, prefetch, root
 
 #: Coefficients of ``phi / e = 1/2 - 3/8 e + ...``
 SERIES = (1 / 2, -3 / 8, 5 / 16, -35 / 128, 63 / 256)
@@ -49,17 +50,82 @@ def ask_ahead(row_offset, row_data, r, o):
 
 
 @njit(inline="always")
-def numbers_of(table):
+def numbers_of(rows, table):
     """The table's numbers but for ``M``, in registers: read in the loop, each would take the time of a load."""
     return (
-        held(table[ZERO]),
-        held(table[V1]),
-        held(table[V2]),
-        held(table[V3]),
-        held(table[V4]),
-        held(table[V6]),
-        held(table[V7]),
+        held(rows, table[ZERO]),
+        held(rows, table[V1]),
+        held(rows, table[V2]),
+        held(rows, table[V3]),
+        held(rows, table[V4]),
+        held(rows, table[V6]),
+        held(rows, table[V7]),
     )
+
+
+@njit(inline="always")
+def first_numbers(numbers):
+    """`numbers_of` the table for one row."""
+    a, b, c, d, e, f, g = numbers
+    return of_first(a), of_first(b), of_first(c), of_first(d), of_first(e), of_first(f), of_first(g)
+
+
+@njit(inline="always")
+def three(rows, S, own):
+    """Three components of a point, from ``own`` on in the table, in all lanes."""
+    return spread(rows, S[own]), spread(rows, S[own + W]), spread(rows, S[own + 2 * W])
+
+
+@njit(inline="always")
+def first_three(v):
+    """Three components for one row."""
+    return of_first(v[0]), of_first(v[1]), of_first(v[2])
+
+
+@njit(inline="always")
+def work_of(S, b, u, z):
+    """``eta . d`` of the slots of rows, ``eta`` and ``d``; ``u`` and ``z`` are `three` of the rows' point."""
+    dx = gather(S, b, ZERO) - u[0]
+    gx = gather(S, b, V3) - z[0]
+    dy = gather(S, b, V1) - u[1]
+    gy = gather(S, b, V4) - z[1]
+    dz = gather(S, b, V2) - u[2]
+    gz = gather(S, b, V5) - z[2]
+    return fma(dx, gx, fma(dy, gy, dz * gz)), (dx, dy, dz), (gx, gy, gz)
+
+
+@njit(inline="always")
+def rounded(f, d, M):
+    """Bit patterns of ``f d``, rounded to multiples of the quantum."""
+    return fma(f, d[0], M), fma(f, d[1], M), fma(f, d[2], M)
+
+
+@njit(inline="always")
+def added(sums, p):
+    """Sums of bit patterns and one more of each."""
+    return iadd(sums[0], p[0]), iadd(sums[1], p[1]), iadd(sums[2], p[2])
+
+
+@njit(inline="always")
+def added_first(rows, sums, p):
+    """Sums of bit patterns of all rows and one more of each of the first."""
+    return added(sums, (for_first(rows, p[0]), for_first(rows, p[1]), for_first(rows, p[2])))
+
+
+@njit(inline="always")
+def add_own(SI, own, sums):
+    """Add the sums over the lanes to the force of the rows' point."""
+    SI[own + 6 * W] += ihsum(sums[0])
+    SI[own + 7 * W] += ihsum(sums[1])
+    SI[own + 8 * W] += ihsum(sums[2])
+
+
+@njit(inline="always")
+def take_forces(S, b, p):
+    """Take the forces of the slots of rows from their clusters."""
+    take_from(S, b, V6, p[0])
+    take_from(S, b, V7, p[1])
+    take_from(S, b, V8, p[2])
 
 
 @njit(inline="always")

@@ -20,6 +20,11 @@ keeps the largest excess of a point over the lowest limit of its class; if it is
 with the limit of each pair of classes, the forces of the broken bonds are taken back, the bonds are recorded, and their
 stored numbers set to 0, so that a broken bond is a slot without a bond.
 
+**Rows abreast.** Where the processor has AVX-512, two consecutive rows of a point are swept side by side in eight
+lanes, a last odd one in four (`abreast`); elsewhere all are swept one by one, and so they are in closed form, which
+waits for the division. Sums are exact in any order, so that forces have the same bits either way, and so have extremes,
+records and stored numbers.
+
 **Sums.** Each component ``p`` of a bond's force is rounded once to a multiple of the quantum ``q`` by ``fma(f, d, M)``,
 ``M = 1.5 * 2**52 q``, and the bit patterns are added as integers: exact, in any order, while ``|p| < 2**51 q``
 for each single bond (integers wrap harmlessly in between). The rounding error of a point's force is at most
@@ -29,52 +34,112 @@ for each single bond (integers wrap harmlessly in between). The rounding error o
 import numpy as np
 from numba import njit, types
 
+from pdfem_mpi.kernels.abreast import ROWS, add_to, for_all, held, numbers, of_first, places_of, spread, two_numbers
 from pdfem_mpi.kernels.bond_response import (
-    ONE,
     STEP,
     V1,
-    V2,
-    V3,
-    V4,
     V5,
     V6,
     V7,
     V8,
+    add_own,
+    added,
+    added_first,
     ask_ahead,
+    first_numbers,
+    first_three,
     numbers_of,
     response_by_series,
     response_in_closed_form,
+    rounded,
+    take_forces,
+    three,
     u8,
-)  # fmt: skip
+    work_of,
+)
 from pdfem_mpi.kernels.simd import (
     W,
     above,
     both,
     fma,
     fnma,
-    held,
     hmax,
     hmin,
-    iadd,
     ihsum,
     isub,
     lanes,
     largest,
-    load,
     magnitude,
     smallest,
     splat,
-    store,
-)  # fmt: skip
+)
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
 
-def _finite_sweep(closed, failing):
-    """Build the sweep with ``phi`` in closed form or as a series, with or without failure.
+@njit(inline="always")
+def _stretched(rows, row_data, r, S, b, u, z):
+    """``K``, ``e`` and ``d + eta`` of the slots of rows from ``r`` on."""
+    k, inverse_square = two_numbers(rows, row_data, r * STEP)
+    work, eta, d = work_of(S, b, u, z)
+    return k, work * inverse_square, (d[0] + eta[0], d[1] + eta[1], d[2] + eta[2])
 
-    The two flags are constants to the compiler (a compiled function as a free variable could not be cached).
+
+@njit(inline="always")
+def _give_back(S, SI, b, own, p):
+    """Give the forces ``p`` of bonds back to their clusters, and take them from their common point."""
+    add_to(S, b, V6, p[0])
+    add_to(S, b, V7, p[1])
+    add_to(S, b, V8, p[2])
+    SI[own + 6 * W] -= ihsum(p[0])
+    SI[own + 7 * W] -= ihsum(p[1])
+    SI[own + 8 * W] -= ihsum(p[2])
+
+
+@njit(inline="always")
+def _break_stretched(
+    i, own, start, end, row_offset, row_data, S, SI, u, z, response, M, closed,
+    class_of, critical, pairs, strengths, count,
+):  # fmt: skip
+    """Visit the rows of a point again, one by one, and break the bonds beyond their critical stretch.
+
+    Returns
+    -------
+    tuple
+        Largest ``e`` of intact bonds, 0 on others, in four lanes; number of records.
     """
+    top = splat(0.0)
+    for row in range(start, end):
+        b = places_of(1, row_offset, row)
+        k, e, y = _stretched(1, row_data, row, S, b, u, z)
+        other = b[0] // u8(9 * W)
+        broken = above(e, splat(critical[class_of[i // W], class_of[other]]))
+        if lanes(broken) == 0:
+            top = largest(e, top)
+            continue
+        f = response_in_closed_form(k, e, response) if closed else response_by_series(k, e, response)
+        p = rounded(both(f, broken), y, M)
+        _give_back(S, SI, b, own, (isub(p[0], M), isub(p[1], M), isub(p[2], M)))
+        top = largest(isub(e, both(e, broken)), top)
+        o = row * STEP
+        for lane in range(W):
+            if (lanes(broken) >> lane) & 1 and row_data[o + u8(lane)] != 0:
+                pairs[count, 0] = i
+                pairs[count, 1] = np.int64(other) * W + lane
+                strengths[count, 0] = row_data[o + u8(lane)]
+                strengths[count, 1] = row_data[o + u8(W + lane)]
+                row_data[o + u8(lane)] = 0
+                row_data[o + u8(W + lane)] = 0
+                count += 1
+    return top, count
+
+
+def finite_sweep(closed, failing, rows=ROWS):
+    """Build the sweep with ``phi`` in closed form or as a series, with or without failure, for ``rows`` abreast.
+
+    The three are constants to the compiler (a compiled function as a free variable could not be cached).
+    """
+    step, rest = u8(rows), u8(rows - 1)
 
     @njit(**_options)
     def add_bond_forces(
@@ -115,10 +180,10 @@ def _finite_sweep(closed, failing):
         int
             The point to go on with: ``last``, or an earlier one before which the records could overflow.
         """
-        zero = splat(0.0)
-        numbers = numbers_of(table)
-        M = held(table[V5])
-        peak, floor = splat(extremes[0]), splat(extremes[1])
+        zero = spread(rows, 0.0)
+        response = numbers_of(rows, table)
+        M = held(rows, table[V5])
+        peak, floor = spread(rows, extremes[0]), spread(rows, extremes[1])
         count = counter[0]
         after = last
         for i in range(first, last):
@@ -131,106 +196,50 @@ def _finite_sweep(closed, failing):
                 break
             c = i // W
             own = c * 9 * W + (i - c * W)
-            ux = splat(S[own])
-            uy = splat(S[own + W])
-            uz = splat(S[own + 2 * W])
-            zx = splat(S[own + 3 * W])
-            zy = splat(S[own + 4 * W])
-            zz = splat(S[own + 5 * W])
-            fx = zero
-            fy = zero
-            fz = zero
+            u, z = three(rows, S, own), three(rows, S, own + 3 * W)
+            sums = zero, zero, zero
             top = zero
-            # e of the first row; later the e of the next row is computed while this row's force is scattered
-            b = u8(row_offset[r])
-            o = r * STEP
-            dx = load(S, b) - ux
-            gx = load(S, b + V3) - zx
-            dy = load(S, b + V1) - uy
-            gy = load(S, b + V4) - zy
-            dz = load(S, b + V2) - uz
-            gz = load(S, b + V5) - zz
-            e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + V1)
-            gx = gx + dx
-            gy = gy + dy
-            gz = gz + dz
-            while r < end:
-                r += ONE  # past the last row this reads harmless numbers, hence one padding row
-                b_next = u8(row_offset[r])
-                o_next = o + STEP
-                ask_ahead(row_offset, row_data, r, o_next)
-                dx = load(S, b_next) - ux
-                hx = load(S, b_next + V3) - zx
-                dy = load(S, b_next + V1) - uy
-                hy = load(S, b_next + V4) - zy
-                dz = load(S, b_next + V2) - uz
-                hz = load(S, b_next + V5) - zz
-                e_next = fma(dx, hx, fma(dy, hy, dz * hz)) * load(row_data, o_next + V1)
-                hx = hx + dx
-                hy = hy + dy
-                hz = hz + dz
-                top = largest(e, top)
-                floor = smallest(e, floor)
-                k = load(row_data, o)
-                f = response_in_closed_form(k, e, numbers) if closed else response_by_series(k, e, numbers)
-                px = fma(f, gx, M)
-                py = fma(f, gy, M)
-                pz = fma(f, gz, M)
-                fx = iadd(fx, px)
-                fy = iadd(fy, py)
-                fz = iadd(fz, pz)
-                store(S, b + V6, isub(load(S, b + V6), px))
-                store(S, b + V7, isub(load(S, b + V7), py))
-                store(S, b + V8, isub(load(S, b + V8), pz))
-                e = e_next
-                gx = hx
-                gy = hy
-                gz = hz
-                b = b_next
-                o = o_next
-            if failing and lanes(above(top, splat(trigger[class_of[c]]))) != 0:
+            stop = end - ((end - r) & rest)
+            if r < stop:
+                # e of the first rows; later the e of the next ones is computed while these rows' forces are scattered
+                b = places_of(rows, row_offset, r)
+                k, e, y = _stretched(rows, row_data, r, S, b, u, z)
+                while r < stop:
+                    q = r + step  # past the last row this reads harmless numbers, hence one padding row
+                    if rows > 1:
+                        q = q if q < stop else r
+                    ask_ahead(row_offset, row_data, q, q * STEP)
+                    b_next = places_of(rows, row_offset, q)
+                    k_next, e_next, y_next = _stretched(rows, row_data, q, S, b_next, u, z)
+                    top = largest(e, top)
+                    floor = smallest(e, floor)
+                    if rows == 1:
+                        k = numbers(rows, row_data, r * STEP)  # read late it takes no register
+                    f = response_in_closed_form(k, e, response) if closed else response_by_series(k, e, response)
+                    p = rounded(f, y, M)
+                    sums = added(sums, p)
+                    take_forces(S, b, p)
+                    k, e, y, b = k_next, e_next, y_next, b_next
+                    r += step
+            if rows > 1 and r < end:  # a row is left
+                b1 = places_of(1, row_offset, r)
+                k1, e1, y1 = _stretched(1, row_data, r, S, b1, first_three(u), first_three(z))
+                top = largest(for_all(rows, e1), top)
+                floor = smallest(for_all(rows, e1), floor)
+                numbers1 = first_numbers(response)
+                f1 = response_in_closed_form(k1, e1, numbers1) if closed else response_by_series(k1, e1, numbers1)
+                p1 = rounded(f1, y1, of_first(M))
+                sums = added_first(rows, sums, p1)
+                take_forces(S, b1, p1)
+            add_own(SI, own, sums)
+            if failing and lanes(above(top, spread(rows, trigger[class_of[c]]))) != 0:
                 # rare: some bond of this point may have passed its critical stretch
-                top = zero
-                for row in range(u8(row_start[i]), end):
-                    b = u8(row_offset[row])
-                    o = u8(row) * STEP
-                    dx = load(S, b) - ux
-                    dy = load(S, b + V1) - uy
-                    dz = load(S, b + V2) - uz
-                    gx = load(S, b + V3) - zx
-                    gy = load(S, b + V4) - zy
-                    gz = load(S, b + V5) - zz
-                    e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + V1)
-                    broken = above(e, splat(critical[class_of[c], class_of[b // u8(9 * W)]]))
-                    if lanes(broken) == 0:
-                        top = largest(e, top)
-                        continue
-                    k = load(row_data, o)
-                    f = response_in_closed_form(k, e, numbers) if closed else response_by_series(k, e, numbers)
-                    f = both(f, broken)
-                    px = isub(fma(f, gx + dx, M), M)
-                    py = isub(fma(f, gy + dy, M), M)
-                    pz = isub(fma(f, gz + dz, M), M)
-                    fx = isub(fx, px)
-                    fy = isub(fy, py)
-                    fz = isub(fz, pz)
-                    store(S, b + V6, iadd(load(S, b + V6), px))
-                    store(S, b + V7, iadd(load(S, b + V7), py))
-                    store(S, b + V8, iadd(load(S, b + V8), pz))
-                    top = largest(isub(e, both(e, broken)), top)  # e of the intact lanes, 0 on the broken
-                    for lane in range(W):
-                        if (lanes(broken) >> lane) & 1 and row_data[o + u8(lane)] != 0:
-                            pairs[count, 0] = i
-                            pairs[count, 1] = np.int64(b // u8(9 * W)) * W + lane
-                            strengths[count, 0] = row_data[o + u8(lane)]
-                            strengths[count, 1] = row_data[o + u8(W + lane)]
-                            row_data[o + u8(lane)] = 0
-                            row_data[o + u8(W + lane)] = 0
-                            count += 1
+                top1, count = _break_stretched(
+                    i, own, u8(row_start[i]), end, row_offset, row_data, S, SI, first_three(u), first_three(z),
+                    first_numbers(response), of_first(M), closed, class_of, critical, pairs, strengths, count,
+                )  # fmt: skip
+                top = for_all(rows, top1)
             peak = largest(top, peak)
-            SI[own + 6 * W] += ihsum(fx)
-            SI[own + 7 * W] += ihsum(fy)
-            SI[own + 8 * W] += ihsum(fz)
         extremes[0] = hmax(peak)
         extremes[1] = hmin(floor)
         counter[0] = count
@@ -239,14 +248,61 @@ def _finite_sweep(closed, failing):
     return add_bond_forces
 
 
-add_forces_series = _finite_sweep(closed=False, failing=False)
-add_forces_closed = _finite_sweep(closed=True, failing=False)
-add_forces_series_failing = _finite_sweep(closed=False, failing=True)
-add_forces_closed_failing = _finite_sweep(closed=True, failing=True)
+add_forces_series = finite_sweep(closed=False, failing=False)
+add_forces_closed = finite_sweep(closed=True, failing=False, rows=1)
+add_forces_series_failing = finite_sweep(closed=False, failing=True)
+add_forces_closed_failing = finite_sweep(closed=True, failing=True, rows=1)
 
 
-def _linear_sweep(failing):
-    """Build the sweep of linear kinematics, with or without failure (a constant to the compiler)."""
+@njit(inline="always")
+def _pulled(rows, row_data, r, S, b, u, z):
+    """``K'``, ``K' (eta . xi)`` and ``xi`` of the slots of rows from ``r`` on."""
+    k = numbers(rows, row_data, r * V1)
+    work, _, xi = work_of(S, b, u, z)
+    return k, work * k, xi
+
+
+@njit(inline="always")
+def _excess(limit, k, f, xi):
+    """By how much ``K' (eta . xi)`` is above that of the critical stretch."""
+    return fnma(limit, k * fma(xi[0], xi[0], fma(xi[1], xi[1], xi[2] * xi[2])), f)
+
+
+@njit(inline="always")
+def _break_pulled(
+    i, own, start, end, row_offset, row_data, S, SI, u, z, M, class_of, critical, pairs, strengths, count
+):  # fmt: skip
+    """Visit the rows of a point again, one by one, and break the bonds beyond their critical stretch.
+
+    Returns
+    -------
+    int
+        Number of records.
+    """
+    for row in range(start, end):
+        b = places_of(1, row_offset, row)
+        k, f, xi = _pulled(1, row_data, row, S, b, u, z)
+        other = b[0] // u8(9 * W)
+        limit = splat(critical[class_of[i // W], class_of[other]])
+        broken = above(_excess(limit, k, f, xi), splat(0.0))
+        if lanes(broken) == 0:
+            continue
+        p = rounded(both(f, broken), xi, M)
+        _give_back(S, SI, b, own, (isub(p[0], M), isub(p[1], M), isub(p[2], M)))
+        o = row * V1
+        for lane in range(W):
+            if (lanes(broken) >> lane) & 1:
+                pairs[count, 0] = i
+                pairs[count, 1] = np.int64(other) * W + lane
+                strengths[count, 0] = row_data[o + u8(lane)]
+                row_data[o + u8(lane)] = 0
+                count += 1
+    return count
+
+
+def linear_sweep(failing, rows=ROWS):
+    """Build the linear sweep, with or without failure, for ``rows`` abreast, constants to the compiler."""
+    step, rest = u8(rows), u8(rows - 1)
 
     @njit(**_options)
     def add_bond_forces(
@@ -260,9 +316,9 @@ def _linear_sweep(failing):
         largest ``|K' (eta . xi)|``, force / length: a component of a bond's force is at most that times the longest
         bond.
         """
-        zero = splat(0.0)
-        M = held(table[V5])
-        peak = splat(extremes[0])
+        zero = spread(rows, 0.0)
+        M = held(rows, table[V5])
+        peak = spread(rows, extremes[0])
         count = counter[0]
         after = last
         for i in range(first, last):
@@ -275,91 +331,45 @@ def _linear_sweep(failing):
                 break
             c = i // W
             own = c * 9 * W + (i - c * W)
-            ux = splat(S[own])
-            uy = splat(S[own + W])
-            uz = splat(S[own + 2 * W])
-            zx = splat(S[own + 3 * W])
-            zy = splat(S[own + 4 * W])
-            zz = splat(S[own + 5 * W])
-            fx = zero
-            fy = zero
-            fz = zero
-            limit = splat(trigger[class_of[c]]) if failing else zero
+            u, z = three(rows, S, own), three(rows, S, own + 3 * W)
+            sums = zero, zero, zero
+            limit = spread(rows, trigger[class_of[c]]) if failing else zero
             excess = zero
-            b = u8(row_offset[r])
-            gx = load(S, b + V3) - zx
-            gy = load(S, b + V4) - zy
-            gz = load(S, b + V5) - zz
-            k = load(row_data, r * V1)
-            f = fma(load(S, b) - ux, gx, fma(load(S, b + V1) - uy, gy, (load(S, b + V2) - uz) * gz))
-            f = f * k
-            while r < end:
-                r += ONE  # past the last row this reads harmless numbers, hence one padding row
-                b_next = u8(row_offset[r])
-                hx = load(S, b_next + V3) - zx
-                hy = load(S, b_next + V4) - zy
-                hz = load(S, b_next + V5) - zz
-                ask_ahead(row_offset, row_data, r, r * V1)
-                k_next = load(row_data, r * V1)
-                f_next = fma(
-                    load(S, b_next) - ux,
-                    hx,
-                    fma(load(S, b_next + V1) - uy, hy, (load(S, b_next + V2) - uz) * hz),
-                )
-                f_next = f_next * k_next
-                peak = largest(magnitude(f), peak)
+            stop = end - ((end - r) & rest)
+            if r < stop:
+                b = places_of(rows, row_offset, r)
+                k, f, xi = _pulled(rows, row_data, r, S, b, u, z)
+                while r < stop:
+                    q = r + step  # past the last row this reads harmless numbers, hence one padding row
+                    if rows > 1:
+                        q = q if q < stop else r
+                    b_next = places_of(rows, row_offset, q)
+                    ask_ahead(row_offset, row_data, q, q * V1)
+                    k_next, f_next, xi_next = _pulled(rows, row_data, q, S, b_next, u, z)
+                    peak = largest(magnitude(f), peak)
+                    if failing:
+                        excess = largest(_excess(limit, k, f, xi), excess)
+                    p = rounded(f, xi, M)
+                    sums = added(sums, p)
+                    take_forces(S, b, p)
+                    k, f, xi, b = k_next, f_next, xi_next, b_next
+                    r += step
+            if rows > 1 and r < end:  # a row is left
+                b1 = places_of(1, row_offset, r)
+                k1, f1, xi1 = _pulled(1, row_data, r, S, b1, first_three(u), first_three(z))
+                peak = largest(for_all(rows, magnitude(f1)), peak)
                 if failing:
-                    excess = largest(fnma(limit, k * fma(gx, gx, fma(gy, gy, gz * gz)), f), excess)
-                    k = k_next
-                px = fma(f, gx, M)
-                py = fma(f, gy, M)
-                pz = fma(f, gz, M)
-                fx = iadd(fx, px)
-                fy = iadd(fy, py)
-                fz = iadd(fz, pz)
-                store(S, b + V6, isub(load(S, b + V6), px))
-                store(S, b + V7, isub(load(S, b + V7), py))
-                store(S, b + V8, isub(load(S, b + V8), pz))
-                f = f_next
-                gx = hx
-                gy = hy
-                gz = hz
-                b = b_next
+                    excess = largest(for_all(rows, _excess(of_first(limit), k1, f1, xi1)), excess)
+                p1 = rounded(f1, xi1, of_first(M))
+                sums = added_first(rows, sums, p1)
+                take_forces(S, b1, p1)
+            add_own(SI, own, sums)
             if failing and lanes(above(excess, zero)) != 0:
                 # rare: some bond of this point may have passed its critical stretch
-                for row in range(u8(row_start[i]), end):
-                    b = u8(row_offset[row])
-                    o = u8(row) * V1
-                    k = load(row_data, o)
-                    gx = load(S, b + V3) - zx
-                    gy = load(S, b + V4) - zy
-                    gz = load(S, b + V5) - zz
-                    f = fma(load(S, b) - ux, gx, fma(load(S, b + V1) - uy, gy, (load(S, b + V2) - uz) * gz))
-                    f = f * k
-                    limit = splat(critical[class_of[c], class_of[b // u8(9 * W)]])
-                    broken = above(fnma(limit, k * fma(gx, gx, fma(gy, gy, gz * gz)), f), zero)
-                    if lanes(broken) == 0:
-                        continue
-                    f = both(f, broken)
-                    px = isub(fma(f, gx, M), M)
-                    py = isub(fma(f, gy, M), M)
-                    pz = isub(fma(f, gz, M), M)
-                    fx = isub(fx, px)
-                    fy = isub(fy, py)
-                    fz = isub(fz, pz)
-                    store(S, b + V6, iadd(load(S, b + V6), px))
-                    store(S, b + V7, iadd(load(S, b + V7), py))
-                    store(S, b + V8, iadd(load(S, b + V8), pz))
-                    for lane in range(W):
-                        if (lanes(broken) >> lane) & 1:
-                            pairs[count, 0] = i
-                            pairs[count, 1] = np.int64(b // u8(9 * W)) * W + lane
-                            strengths[count, 0] = row_data[o + u8(lane)]
-                            row_data[o + u8(lane)] = 0
-                            count += 1
-            SI[own + 6 * W] += ihsum(fx)
-            SI[own + 7 * W] += ihsum(fy)
-            SI[own + 8 * W] += ihsum(fz)
+                count = _break_pulled(
+                    i, own, u8(row_start[i]), end, row_offset, row_data, S, SI, first_three(u), first_three(z),
+                    of_first(M), class_of, critical, pairs, strengths, count,
+                )  # fmt: skip
         extremes[0] = hmax(peak)
         counter[0] = count
         return after
@@ -367,8 +377,8 @@ def _linear_sweep(failing):
     return add_bond_forces
 
 
-add_forces_linear = _linear_sweep(failing=False)
-add_forces_linear_failing = _linear_sweep(failing=True)
+add_forces_linear = linear_sweep(failing=False)
+add_forces_linear_failing = linear_sweep(failing=True)
 #: By (finite, series, failing).
 SWEEPS = {
     (True, True, False): add_forces_series,

@@ -43,7 +43,7 @@ def _tangent_sweep(closed):
             ``last``.
         """
         zero = splat(0.0)
-        numbers = numbers_of(table)
+        numbers = numbers_of(1, table)
         M = held(table[V5])
         one = held(table[V6])
         peak = splat(extremes[0])

@@ -1,4 +1,4 @@
-"""Dilatation of the peridynamic points, the first of two sweeps where Poisson's ratio is not 1/4, and its change.
+"""Dilatation of the peridynamic points, the first of two sweeps where Poisson's ratio is not 1/4.
 
 The volumetric part of the energy is ``1/2 sum_i M_i w_i theta_i^2`` with ``w_i theta_i = sum_j A_ij e_ij``, ``e_ij``
 the extension of a bond and ``A_ij = k_ij / (10 mu_ij)``, ``k_ij = c exp(-r0^2) g_ij w_i w_j``
@@ -7,10 +7,9 @@ bonds store anyway::
 
     linear          k e = K' r0^2 (eta . xi)
     finite          k e = 2 K (eta . d) / (1 + (1 + e)^(1/2))
-    its change      2 K (1 - phi) (y . v),    (1 - phi) = r0 / |y|
 
-``e`` in the last two is the number of `bond_sweeps`. Terms are rounded to multiples of a quantum and added as integers,
-as forces are: the sums have the same bits in any order.
+``e`` in the last is the number of `bond_sweeps`; rows go abreast as there. Terms are rounded to multiples of a quantum
+and added as integers, as forces are: the sums have the same bits in any order.
 
 Bonds break here, before the forces are swept: a broken bond has no part in the dilatation of its points any more, and
 what it gave is taken back exactly.
@@ -19,29 +18,39 @@ what it gave is taken back exactly.
 import numpy as np
 from numba import njit, types
 
+from pdfem_mpi.kernels.abreast import (
+    ROWS,
+    add_to,
+    for_all,
+    for_first,
+    held,
+    numbers,
+    of_first,
+    places_of,
+    points_of,
+    spread,
+    two_numbers,
+)
 from pdfem_mpi.kernels.bond_response import (
-    ONE,
     STEP,
     V1,
-    V2,
-    V3,
-    V4,
     V5,
     V6,
+    ZERO,
     ask_ahead,
-    numbers_of,
-    response_by_series,
+    first_numbers,
+    first_three,
+    three,
     u8,
+    work_of,
 )
 from pdfem_mpi.kernels.bond_response import constants as response_constants
-from pdfem_mpi.kernels.bond_response import response_in_closed_form as _response
 from pdfem_mpi.kernels.simd import (
     W,
     above,
     both,
     fma,
     fnma,
-    held,
     hmax,
     hmin,
     iadd,
@@ -49,18 +58,15 @@ from pdfem_mpi.kernels.simd import (
     isub,
     lanes,
     largest,
-    load,
     magnitude,
     root,
     smallest,
     splat,
-    store,
-)  # fmt: skip
+)
 
 #: Coefficients of ``1 / (1 + (1 + e)^(1/2)) = 1/2 - 1/8 e + ...``
 SERIES = (1 / 2, -1 / 8, 1 / 16, -5 / 128, 7 / 256)
 _A0, _A1, _A2, _A3, _A4 = (u8(W * k) for k in range(8, 13))
-_NINE = u8(9)
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
@@ -76,15 +82,16 @@ def constants(pattern):
 
 
 @njit(inline="always")
-def _lengthening_numbers(table):
-    """Coefficients of ``SERIES``, and one, in registers."""
+def _lengthening_numbers(rows, table):
+    """Coefficients of ``SERIES``, one and nought, in registers."""
     return (
-        held(table[_A0]),
-        held(table[_A1]),
-        held(table[_A2]),
-        held(table[_A3]),
-        held(table[_A4]),
-        held(table[V6]),
+        held(rows, table[_A0]),
+        held(rows, table[_A1]),
+        held(rows, table[_A2]),
+        held(rows, table[_A3]),
+        held(rows, table[_A4]),
+        held(rows, table[V6]),
+        spread(rows, 0.0),
     )
 
 
@@ -100,11 +107,98 @@ def lengthening_by_series(e, numbers):
 def lengthening_in_closed_form(e, numbers):
     """The same in closed form, for large stretch and compression."""
     one = numbers[5]
-    return one / (one + root(largest(one + e, splat(0.0))))
+    return one / (one + root(largest(one + e, numbers[6])))
 
 
-def _linear_sweep(failing, weighted):
-    """Build the sweep of linear kinematics, with or without failure and fitted weights (constants to the compiler)."""
+@njit(inline="always")
+def _rounded(rows, f, h, weights, r, M, weighted):
+    """Bit patterns of ``f h``, or of its parts by the fitted weights, for the rows' point and for the others."""
+    if weighted:
+        here, there = two_numbers(rows, weights, r * STEP)
+        f = f * h
+        return fma(f, here, M), fma(f, there, M)
+    p = fma(f, h, M)
+    return p, p
+
+
+@njit(inline="always")
+def _pulled(rows, row_data, r, S, b, u, z):
+    """``K'``, ``K' (eta . xi)`` and ``r0^2`` of the slots of rows from ``r`` on."""
+    k = numbers(rows, row_data, r * V1)
+    work, _, xi = work_of(S, b, u, z)
+    return k, work * k, fma(xi[0], xi[0], fma(xi[1], xi[1], xi[2] * xi[2]))
+
+
+@njit(inline="always")
+def _stretched(rows, row_data, r, S, b, u, z):
+    """``2 K (eta . d)`` and ``e`` of the slots of rows from ``r`` on."""
+    k, inverse_square = two_numbers(rows, row_data, r * STEP)
+    work, _, _ = work_of(S, b, u, z)
+    return (k + k) * work, work * inverse_square
+
+
+@njit(inline="always")
+def _break_pulled(
+    i, start, end, row_offset, row_data, S, D, DI, u, z, M, class_of, critical, pairs, strengths, count
+):  # fmt: skip
+    """Visit the rows of a point again, break the bonds beyond their critical stretch; return the number of records."""
+    for row in range(start, end):
+        b = places_of(1, row_offset, row)
+        k, f, square = _pulled(1, row_data, row, S, b, u, z)
+        other = b[0] // u8(9 * W)
+        broken = above(fnma(splat(critical[class_of[i // W], class_of[other]]), k * square, f), splat(0.0))
+        if lanes(broken) == 0:
+            continue
+        p = isub(M, fma(both(f, broken), square, M))
+        DI[i] += ihsum(p)
+        add_to(D, points_of(b), ZERO, p)
+        o = row * V1
+        for lane in range(W):
+            if (lanes(broken) >> lane) & 1:
+                pairs[count, 0] = i
+                pairs[count, 1] = np.int64(other) * W + lane
+                strengths[count, 0] = row_data[o + u8(lane)]
+                row_data[o + u8(lane)] = 0
+                count += 1
+    return count
+
+
+@njit(inline="always")
+def _break_stretched(
+    i, start, end, row_offset, row_data, S, D, DI, u, z, lengthening, M, closed,
+    class_of, critical, pairs, strengths, count,
+):  # fmt: skip
+    """Visit the rows of a point again; as `_break_pulled`, with the largest ``e`` of intact bonds besides."""
+    top = splat(0.0)
+    for row in range(start, end):
+        b = places_of(1, row_offset, row)
+        f, e = _stretched(1, row_data, row, S, b, u, z)
+        other = b[0] // u8(9 * W)
+        broken = above(e, splat(critical[class_of[i // W], class_of[other]]))
+        if lanes(broken) == 0:
+            top = largest(e, top)
+            continue
+        h = lengthening_in_closed_form(e, lengthening) if closed else lengthening_by_series(e, lengthening)
+        p = isub(M, fma(both(f, broken), h, M))
+        DI[i] += ihsum(p)
+        add_to(D, points_of(b), ZERO, p)
+        top = largest(isub(e, both(e, broken)), top)  # e of the intact lanes, 0 on the broken
+        o = row * STEP
+        for lane in range(W):
+            if (lanes(broken) >> lane) & 1 and row_data[o + u8(lane)] != 0:
+                pairs[count, 0] = i
+                pairs[count, 1] = np.int64(other) * W + lane
+                strengths[count, 0] = row_data[o + u8(lane)]
+                strengths[count, 1] = row_data[o + u8(W + lane)]
+                row_data[o + u8(lane)] = 0
+                row_data[o + u8(W + lane)] = 0
+                count += 1
+    return top, count
+
+
+def linear_sweep(failing, weighted, rows=ROWS):
+    """Build the sweep of linear kinematics, with or without failure and fitted weights, for ``rows`` abreast."""
+    step, rest = u8(rows), u8(rows - 1)  # all are constants to the compiler
 
     @njit(**_options)
     def add_dilatations(
@@ -133,9 +227,9 @@ def _linear_sweep(failing, weighted):
         int
             The point to go on with.
         """
-        zero = splat(0.0)
-        M = splat(pattern)
-        peak = splat(extremes[0])
+        zero = spread(rows, 0.0)
+        M = spread(rows, pattern)
+        peak = spread(rows, extremes[0])
         count = counter[0]
         after = last
         for i in range(first, last):
@@ -148,65 +242,37 @@ def _linear_sweep(failing, weighted):
                 break
             c = i // W
             own = c * 9 * W + (i - c * W)
-            ux = splat(S[own])
-            uy = splat(S[own + W])
-            uz = splat(S[own + 2 * W])
-            zx = splat(S[own + 3 * W])
-            zy = splat(S[own + 4 * W])
-            zz = splat(S[own + 5 * W])
-            limit = splat(trigger[class_of[c]]) if failing else zero
-            excess = zero
+            u, z = three(rows, S, own), three(rows, S, own + 3 * W)
             total = zero
-            while r < end:
-                b = u8(row_offset[r])
-                gx = load(S, b + V3) - zx
-                gy = load(S, b + V4) - zy
-                gz = load(S, b + V5) - zz
-                f = fma(load(S, b) - ux, gx, fma(load(S, b + V1) - uy, gy, (load(S, b + V2) - uz) * gz))
-                k = load(row_data, r * V1)
-                o = r * STEP
-                r += ONE
+            stop = end - ((end - r) & rest)
+            limit = spread(rows, trigger[class_of[c]]) if failing else zero
+            excess = zero
+            while r < stop:
+                b = places_of(rows, row_offset, r)
                 ask_ahead(row_offset, row_data, r, r * V1)
-                f = f * k
-                square = fma(gx, gx, fma(gy, gy, gz * gz))
+                k, f, square = _pulled(rows, row_data, r, S, b, u, z)
                 peak = largest(magnitude(f), peak)
                 if failing:
                     excess = largest(fnma(limit, k * square, f), excess)
-                if weighted:
-                    f = f * square
-                    total = iadd(total, fma(f, load(weights, o), M))
-                    p = fma(f, load(weights, o + V1), M)
-                else:
-                    p = fma(f, square, M)
-                    total = iadd(total, p)
-                b = b // _NINE
-                store(D, b, iadd(load(D, b), p))
-            if failing and lanes(above(excess, zero)) != 0:
-                for row in range(u8(row_start[i]), end):  # rare: some bond may have passed its critical stretch
-                    b = u8(row_offset[row])
-                    o = u8(row) * V1
-                    k = load(row_data, o)
-                    gx = load(S, b + V3) - zx
-                    gy = load(S, b + V4) - zy
-                    gz = load(S, b + V5) - zz
-                    f = fma(load(S, b) - ux, gx, fma(load(S, b + V1) - uy, gy, (load(S, b + V2) - uz) * gz))
-                    f = f * k
-                    square = fma(gx, gx, fma(gy, gy, gz * gz))
-                    cluster = b // u8(9 * W)
-                    broken = above(fnma(splat(critical[class_of[c], class_of[cluster]]), k * square, f), zero)
-                    if lanes(broken) == 0:
-                        continue
-                    p = isub(fma(both(f, broken), square, M), M)
-                    total = isub(total, p)
-                    store(D, b // _NINE, isub(load(D, b // _NINE), p))
-                    for lane in range(W):
-                        if (lanes(broken) >> lane) & 1:
-                            pairs[count, 0] = i
-                            pairs[count, 1] = np.int64(cluster) * W + lane
-                            strengths[count, 0] = row_data[o + u8(lane)]
-                            row_data[o + u8(lane)] = 0
-                            count += 1
+                own_part, p = _rounded(rows, f, square, weights, r, M, weighted)
+                total = iadd(total, own_part)
+                add_to(D, points_of(b), ZERO, p)
+                r += step
+            if rows > 1 and r < end:  # a row is left
+                b1 = places_of(1, row_offset, r)
+                k1, f1, square1 = _pulled(1, row_data, r, S, b1, first_three(u), first_three(z))
+                peak = largest(for_all(rows, magnitude(f1)), peak)
+                if failing:
+                    excess = largest(for_all(rows, fnma(of_first(limit), k1 * square1, f1)), excess)
+                own_part1, p1 = _rounded(1, f1, square1, weights, r, of_first(M), weighted)
+                total = iadd(total, for_first(rows, own_part1))
+                add_to(D, points_of(b1), ZERO, p1)
             DI[i] += ihsum(total)
+            if failing and lanes(above(excess, zero)) != 0:  # rare: some bond may have passed its critical stretch
+                count = _break_pulled(
+                    i, u8(row_start[i]), end, row_offset, row_data, S, D, DI, first_three(u), first_three(z),
+                    of_first(M), class_of, critical, pairs, strengths, count,
+                )  # fmt: skip
         extremes[0] = hmax(peak)
         counter[0] = count
         return after
@@ -214,8 +280,9 @@ def _linear_sweep(failing, weighted):
     return add_dilatations
 
 
-def _finite_sweep(closed, failing, weighted):
+def finite_sweep(closed, failing, weighted, rows=ROWS):
     """Build the sweep of finite kinematics, in closed form or as a series, with or without failure and weights."""
+    step, rest = u8(rows), u8(rows - 1)
 
     @njit(**_options)
     def add_dilatations(
@@ -227,11 +294,10 @@ def _finite_sweep(closed, failing, weighted):
         Parameters and result are those of the linear sweep, with ``table`` from `constants` in place of the pattern,
         limits of ``e``, and ``extremes`` the largest and smallest ``e`` of intact bonds.
         """
-        zero = splat(0.0)
-        numbers = _lengthening_numbers(table)
-        M = held(table[V5])
-        peak = splat(extremes[0])
-        floor = splat(extremes[1])
+        zero = spread(rows, 0.0)
+        lengthening = _lengthening_numbers(rows, table)
+        M = held(rows, table[V5])
+        peak, floor = spread(rows, extremes[0]), spread(rows, extremes[1])
         count = counter[0]
         after = last
         for i in range(first, last):
@@ -244,72 +310,39 @@ def _finite_sweep(closed, failing, weighted):
                 break
             c = i // W
             own = c * 9 * W + (i - c * W)
-            ux = splat(S[own])
-            uy = splat(S[own + W])
-            uz = splat(S[own + 2 * W])
-            zx = splat(S[own + 3 * W])
-            zy = splat(S[own + 4 * W])
-            zz = splat(S[own + 5 * W])
-            top = zero
+            u, z = three(rows, S, own), three(rows, S, own + 3 * W)
             total = zero
-            while r < end:
-                b = u8(row_offset[r])
-                o = r * STEP
-                r += ONE
-                ask_ahead(row_offset, row_data, r, o)
-                work = fma(
-                    load(S, b) - ux, load(S, b + V3) - zx,
-                    fma(load(S, b + V1) - uy, load(S, b + V4) - zy, (load(S, b + V2) - uz) * (load(S, b + V5) - zz)),
-                )  # fmt: skip
-                e = work * load(row_data, o + V1)
+            stop = end - ((end - r) & rest)
+            top = zero
+            while r < stop:
+                b = places_of(rows, row_offset, r)
+                ask_ahead(row_offset, row_data, r, r * STEP)
+                f, e = _stretched(rows, row_data, r, S, b, u, z)
                 top = largest(e, top)
                 floor = smallest(e, floor)
-                k = load(row_data, o)
-                k = k + k
-                h = lengthening_in_closed_form(e, numbers) if closed else lengthening_by_series(e, numbers)
-                if weighted:
-                    h = (k * work) * h
-                    total = iadd(total, fma(h, load(weights, o), M))
-                    p = fma(h, load(weights, o + V1), M)
-                else:
-                    p = fma(k * work, h, M)
-                    total = iadd(total, p)
-                b = b // _NINE
-                store(D, b, iadd(load(D, b), p))
-            if failing and lanes(above(top, splat(trigger[class_of[c]]))) != 0:
-                top = zero
-                for row in range(u8(row_start[i]), end):  # rare: some bond may have passed its critical stretch
-                    b = u8(row_offset[row])
-                    o = u8(row) * STEP
-                    work = fma(
-                        load(S, b) - ux, load(S, b + V3) - zx,
-                        fma(load(S, b + V1) - uy, load(S, b + V4) - zy,
-                            (load(S, b + V2) - uz) * (load(S, b + V5) - zz)),
-                    )  # fmt: skip
-                    e = work * load(row_data, o + V1)
-                    cluster = b // u8(9 * W)
-                    broken = above(e, splat(critical[class_of[c], class_of[cluster]]))
-                    if lanes(broken) == 0:
-                        top = largest(e, top)
-                        continue
-                    k = load(row_data, o)
-                    k = k + k
-                    h = lengthening_in_closed_form(e, numbers) if closed else lengthening_by_series(e, numbers)
-                    p = isub(fma(both(k * work, broken), h, M), M)
-                    total = isub(total, p)
-                    store(D, b // _NINE, isub(load(D, b // _NINE), p))
-                    top = largest(isub(e, both(e, broken)), top)  # e of the intact lanes, 0 on the broken
-                    for lane in range(W):
-                        if (lanes(broken) >> lane) & 1 and row_data[o + u8(lane)] != 0:
-                            pairs[count, 0] = i
-                            pairs[count, 1] = np.int64(cluster) * W + lane
-                            strengths[count, 0] = row_data[o + u8(lane)]
-                            strengths[count, 1] = row_data[o + u8(W + lane)]
-                            row_data[o + u8(lane)] = 0
-                            row_data[o + u8(W + lane)] = 0
-                            count += 1
-            peak = largest(top, peak)
+                h = lengthening_in_closed_form(e, lengthening) if closed else lengthening_by_series(e, lengthening)
+                own_part, p = _rounded(rows, f, h, weights, r, M, weighted)
+                total = iadd(total, own_part)
+                add_to(D, points_of(b), ZERO, p)
+                r += step
+            first_ones = first_numbers(lengthening)
+            if rows > 1 and r < end:  # a row is left
+                b1 = places_of(1, row_offset, r)
+                f1, e1 = _stretched(1, row_data, r, S, b1, first_three(u), first_three(z))
+                top = largest(for_all(rows, e1), top)
+                floor = smallest(for_all(rows, e1), floor)
+                h1 = lengthening_in_closed_form(e1, first_ones) if closed else lengthening_by_series(e1, first_ones)
+                own_part1, p1 = _rounded(1, f1, h1, weights, r, of_first(M), weighted)
+                total = iadd(total, for_first(rows, own_part1))
+                add_to(D, points_of(b1), ZERO, p1)
             DI[i] += ihsum(total)
+            if failing and lanes(above(top, spread(rows, trigger[class_of[c]]))) != 0:  # rare
+                top1, count = _break_stretched(
+                    i, u8(row_start[i]), end, row_offset, row_data, S, D, DI, first_three(u), first_three(z),
+                    first_ones, of_first(M), closed, class_of, critical, pairs, strengths, count,
+                )  # fmt: skip
+                top = for_all(rows, top1)
+            peak = largest(top, peak)
         extremes[0] = hmax(peak)
         extremes[1] = hmin(floor)
         counter[0] = count
@@ -318,80 +351,15 @@ def _finite_sweep(closed, failing, weighted):
     return add_dilatations
 
 
-def _changes(closed, weighted):
-    """Build the sweep of the change of the dilatations, with ``phi`` in closed form or as a series."""
-
-    @njit(**_options)
-    def add_dilatation_changes(
-        first, last, row_start, row_offset, row_data, S, D, DI, table, weights, extremes
-    ):  # fmt: skip
-        """Add the change of ``k e`` for a small change ``v`` of the displacements, to both points of every bond.
-
-        Parameters are those of the sweeps of the dilatations, with ``v`` in rows 0-2 of the table, deformed positions
-        in rows 3-5, and ``extremes[0]`` the largest change met, dimension force length.
-        """
-        zero = splat(0.0)
-        numbers = numbers_of(table)
-        M = held(table[V5])
-        one = held(table[V6])
-        peak = splat(extremes[0])
-        for i in range(first, last):
-            r = u8(row_start[i])
-            end = u8(row_start[i + 1])
-            if end <= r:
-                continue
-            c = i // W
-            own = c * 9 * W + (i - c * W)
-            ux = splat(S[own])
-            uy = splat(S[own + W])
-            uz = splat(S[own + 2 * W])
-            zx = splat(S[own + 3 * W])
-            zy = splat(S[own + 4 * W])
-            zz = splat(S[own + 5 * W])
-            total = zero
-            while r < end:
-                b = u8(row_offset[r])
-                o = r * STEP
-                r += ONE
-                ask_ahead(row_offset, row_data, r, o)
-                yx = load(S, b + V3) - zx
-                yy = load(S, b + V4) - zy
-                yz = load(S, b + V5) - zz
-                e = fma(yx, yx, fma(yy, yy, yz * yz)) * load(row_data, o + V1) - one
-                phi = _response(one, e, numbers) if closed else response_by_series(one, e, numbers)
-                k = load(row_data, o)
-                k = k + k
-                along = fma(load(S, b) - ux, yx, fma(load(S, b + V1) - uy, yy, (load(S, b + V2) - uz) * yz))
-                along = k * (one - phi) * along
-                peak = largest(magnitude(along), peak)
-                if weighted:
-                    total = iadd(total, fma(along, load(weights, o), M))
-                    p = fma(along, load(weights, o + V1), M)
-                else:
-                    p = along + M
-                    total = iadd(total, p)
-                b = b // _NINE
-                store(D, b, iadd(load(D, b), p))
-            DI[i] += ihsum(total)
-        extremes[0] = hmax(peak)
-        return last
-
-    return add_dilatation_changes
-
-
-add_dilatations_linear = _linear_sweep(failing=False, weighted=False)
-add_dilatations_linear_failing = _linear_sweep(failing=True, weighted=False)
-add_dilatations_linear_weighted = _linear_sweep(failing=False, weighted=True)
-add_dilatations_series = _finite_sweep(closed=False, failing=False, weighted=False)
-add_dilatations_closed = _finite_sweep(closed=True, failing=False, weighted=False)
-add_dilatations_series_failing = _finite_sweep(closed=False, failing=True, weighted=False)
-add_dilatations_closed_failing = _finite_sweep(closed=True, failing=True, weighted=False)
-add_dilatations_series_weighted = _finite_sweep(closed=False, failing=False, weighted=True)
-add_dilatations_closed_weighted = _finite_sweep(closed=True, failing=False, weighted=True)
-add_dilatation_changes_series = _changes(closed=False, weighted=False)
-add_dilatation_changes_closed = _changes(closed=True, weighted=False)
-add_dilatation_changes_series_weighted = _changes(closed=False, weighted=True)
-add_dilatation_changes_closed_weighted = _changes(closed=True, weighted=True)
+add_dilatations_linear = linear_sweep(failing=False, weighted=False)
+add_dilatations_linear_failing = linear_sweep(failing=True, weighted=False)
+add_dilatations_linear_weighted = linear_sweep(failing=False, weighted=True)
+add_dilatations_series = finite_sweep(closed=False, failing=False, weighted=False)
+add_dilatations_closed = finite_sweep(closed=True, failing=False, weighted=False, rows=1)
+add_dilatations_series_failing = finite_sweep(closed=False, failing=True, weighted=False)
+add_dilatations_closed_failing = finite_sweep(closed=True, failing=True, weighted=False, rows=1)
+add_dilatations_series_weighted = finite_sweep(closed=False, failing=False, weighted=True)
+add_dilatations_closed_weighted = finite_sweep(closed=True, failing=False, weighted=True, rows=1)
 #: By (finite, series, failing, weighted): bonds with fitted weights do not break.
 SWEEPS = {
     (True, True, False, False): add_dilatations_series,
@@ -404,13 +372,6 @@ SWEEPS = {
     (True, False, False, True): add_dilatations_closed_weighted,
     (False, False, False, True): add_dilatations_linear_weighted,
 }
-#: Of the change, by (series, weighted).
-CHANGES = {
-    (True, False): add_dilatation_changes_series,
-    (False, False): add_dilatation_changes_closed,
-    (True, True): add_dilatation_changes_series_weighted,
-    (False, True): add_dilatation_changes_closed_weighted,
-}
 
 _f8, _i8, _int = types.float64[::1], types.int64[::1], types.int64
 _table = types.float64[:, ::1]
@@ -419,6 +380,4 @@ _failing = (types.uint8[::1], _f8, _table, types.int64[:, ::1], types.float32[:,
 _weights = types.float32[::1]
 _linear = _int(_int, _int, *_rows, _f8, _f8, _i8, types.float64, _weights, _f8, *_failing)
 _finite = _int(_int, _int, *_rows, _f8, _f8, _i8, _f8, _weights, _f8, *_failing)
-_change = _int(_int, _int, *_rows, _f8, _f8, _i8, _f8, _weights, _f8)
 SIGNATURES = {sweep: _finite if finite else _linear for (finite, _, _, _), sweep in SWEEPS.items()}
-SIGNATURES |= dict.fromkeys(CHANGES.values(), _change)

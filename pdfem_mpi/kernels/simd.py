@@ -212,13 +212,16 @@ else:
         v = builder.insert_element(ir.Constant(_vector(width), ir.Undefined), x, ir.Constant(_B, 0))
         return builder.shuffle_vector(v, v, ir.Constant(_vector(width, _B), [0] * width))
 
+    def _hidden(builder, x):
+        pattern = builder.asm(ir.FunctionType(_I, [_I]), "", "=r,0", [builder.bitcast(x, _I)], False)
+        return builder.bitcast(pattern, _F)
+
     @intrinsic
     def held(typingctx, x):
         """The number ``x`` in all lanes, kept in a register: the compiler does not know that it could read it again."""
 
         def codegen(context, builder, sig, args):
-            hidden = builder.asm(ir.FunctionType(_I, [_I]), "", "=r,0", [builder.bitcast(args[0], _I)], False)
-            return _in_all_lanes(builder, builder.bitcast(hidden, _F))
+            return _in_all_lanes(builder, _hidden(builder, args[0]))
 
         return V4(types.float64), codegen
 

@@ -13,6 +13,7 @@ with ``Q = q_i + q_j`` and ``Q'`` its change. Numbers, table and rounding are th
 
 from numba import njit, types
 
+from pdfem_mpi.kernels.abreast import ROWS, gather, held, numbers, of_first, places_of, points_of, spread, two_numbers
 from pdfem_mpi.kernels.bond_response import (
     ONE,
     STEP,
@@ -24,24 +25,68 @@ from pdfem_mpi.kernels.bond_response import (
     V6,
     V7,
     V8,
+    ZERO,
+    add_own,
+    added,
+    added_first,
     ask_ahead,
+    first_numbers,
+    first_three,
     numbers_of,
     response_by_series,
     response_in_closed_form,
+    rounded,
+    take_forces,
+    three,
     u8,
-)  # fmt: skip
-from pdfem_mpi.kernels.simd import W, fma, fnma, held, hmax, iadd, ihsum, isub, largest, load, magnitude, splat, store
+    work_of,
+)
+from pdfem_mpi.kernels.simd import W, fma, fnma, hmax, iadd, ihsum, isub, largest, load, magnitude, splat, store
 
 _NINE = u8(9)
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 
 
-def _linear_sweep(weighted):
-    """Build the sweep of linear kinematics, with or without fitted weights (a constant to the compiler)."""
+@njit(inline="always")
+def _common(rows, q, Q, b, weights, r, weighted):
+    """``q_i + q_j`` of the slots of rows from ``r`` on, with fitted weights or without."""
+    there = gather(Q, points_of(b), ZERO)
+    if weighted:
+        w, w_there = two_numbers(rows, weights, r * STEP)
+        return q * w + there * w_there  # alike from both ends
+    return q + there
+
+
+@njit(inline="always")
+def _pulled(rows, row_data, r, S, b, u, z, q, Q, weights, weighted):
+    """``K' [(eta . xi) + r0^2 (q_i + q_j)]`` and ``xi`` of the slots of rows from ``r`` on."""
+    work, _, xi = work_of(S, b, u, z)
+    common = _common(rows, q, Q, b, weights, r, weighted)
+    square = fma(xi[0], xi[0], fma(xi[1], xi[1], xi[2] * xi[2]))
+    return numbers(rows, row_data, r * V1) * fma(square, common, work), xi
+
+
+@njit(inline="always")
+def _stretched(rows, row_data, r, S, b, u, z, q, Q, weights, weighted, response, closed):
+    """``K [phi + (1 - phi) (q_i + q_j)]`` and ``d + eta`` of the slots of rows from ``r`` on."""
+    k, inverse_square = two_numbers(rows, row_data, r * STEP)
+    work, eta, d = work_of(S, b, u, z)
+    e, one = work * inverse_square, response[5]
+    phi = response_in_closed_form(one, e, response) if closed else response_by_series(one, e, response)
+    common = _common(rows, q, Q, b, weights, r, weighted)
+    return k * (phi + fnma(phi, common, common)), (d[0] + eta[0], d[1] + eta[1], d[2] + eta[2])
+
+
+def force_sweep(finite, closed, weighted, rows=ROWS):
+    """Build the sweep of the forces in finite kinematics, ``phi`` in closed form or as a series, or in linear ones.
+
+    With fitted weights or without, for ``rows`` abreast; all are constants to the compiler.
+    """
+    step, rest, stride = u8(rows), u8(rows - 1), STEP if finite else V1
 
     @njit(**_options)
     def add_volumetric_forces(first, last, row_start, row_offset, row_data, S, SI, table, Q, weights):
-        """Add the force of every bond of the rows of points ``first:last`` to both of its points, linear kinematics.
+        """Add the force of every bond of the rows of points ``first:last`` to both of its points.
 
         Parameters
         ----------
@@ -57,116 +102,40 @@ def _linear_sweep(weighted):
         int
             ``last``.
         """
-        zero = splat(0.0)
-        M = held(table[V5])
+        zero = spread(rows, 0.0)
+        response = numbers_of(rows, table)
+        M = held(rows, table[V5])
         for i in range(first, last):
             r = u8(row_start[i])
             end = u8(row_start[i + 1])
             if end <= r:
                 continue
-            c = i // W
-            own = c * 9 * W + (i - c * W)
-            ux = splat(S[own])
-            uy = splat(S[own + W])
-            uz = splat(S[own + 2 * W])
-            zx = splat(S[own + 3 * W])
-            zy = splat(S[own + 4 * W])
-            zz = splat(S[own + 5 * W])
-            q = splat(Q[i])
-            fx = zero
-            fy = zero
-            fz = zero
-            while r < end:
-                b = u8(row_offset[r])
-                ask_ahead(row_offset, row_data, r, r * V1)
-                gx = load(S, b + V3) - zx
-                gy = load(S, b + V4) - zy
-                gz = load(S, b + V5) - zz
-                f = fma(load(S, b) - ux, gx, fma(load(S, b + V1) - uy, gy, (load(S, b + V2) - uz) * gz))
-                if weighted:
-                    o = r * STEP
-                    common = q * load(weights, o) + load(Q, b // _NINE) * load(weights, o + V1)  # alike from both ends
+            own = (i // W) * 9 * W + i % W
+            u, z, q = three(rows, S, own), three(rows, S, own + 3 * W), spread(rows, Q[i])
+            sums = zero, zero, zero
+            stop = end - ((end - r) & rest)
+            while r < stop:
+                b = places_of(rows, row_offset, r)
+                ask_ahead(row_offset, row_data, r, r * stride)
+                if finite:
+                    f, d = _stretched(rows, row_data, r, S, b, u, z, q, Q, weights, weighted, response, closed)
                 else:
-                    common = q + load(Q, b // _NINE)
-                f = load(row_data, r * V1) * fma(fma(gx, gx, fma(gy, gy, gz * gz)), common, f)
-                r += ONE
-                px = fma(f, gx, M)
-                py = fma(f, gy, M)
-                pz = fma(f, gz, M)
-                fx = iadd(fx, px)
-                fy = iadd(fy, py)
-                fz = iadd(fz, pz)
-                store(S, b + V6, isub(load(S, b + V6), px))
-                store(S, b + V7, isub(load(S, b + V7), py))
-                store(S, b + V8, isub(load(S, b + V8), pz))
-            SI[own + 6 * W] += ihsum(fx)
-            SI[own + 7 * W] += ihsum(fy)
-            SI[own + 8 * W] += ihsum(fz)
-        return last
-
-    return add_volumetric_forces
-
-
-def _finite_sweep(closed, weighted):
-    """Build the sweep of finite kinematics with ``phi`` in closed form or as a series, and with weights or without."""
-
-    @njit(**_options)
-    def add_volumetric_forces(first, last, row_start, row_offset, row_data, S, SI, table, Q, weights):
-        """Add the force of every bond of the rows of points ``first:last`` to both of its points, finite kinematics.
-
-        Parameters and result are those of the linear sweep.
-        """
-        zero = splat(0.0)
-        numbers = numbers_of(table)
-        M = held(table[V5])
-        one = held(table[V6])
-        for i in range(first, last):
-            r = u8(row_start[i])
-            end = u8(row_start[i + 1])
-            if end <= r:
-                continue
-            c = i // W
-            own = c * 9 * W + (i - c * W)
-            ux = splat(S[own])
-            uy = splat(S[own + W])
-            uz = splat(S[own + 2 * W])
-            zx = splat(S[own + 3 * W])
-            zy = splat(S[own + 4 * W])
-            zz = splat(S[own + 5 * W])
-            q = splat(Q[i])
-            fx = zero
-            fy = zero
-            fz = zero
-            while r < end:
-                b = u8(row_offset[r])
-                o = r * STEP
-                ask_ahead(row_offset, row_data, r, o)
-                r += ONE
-                dx = load(S, b) - ux
-                dy = load(S, b + V1) - uy
-                dz = load(S, b + V2) - uz
-                gx = load(S, b + V3) - zx
-                gy = load(S, b + V4) - zy
-                gz = load(S, b + V5) - zz
-                e = fma(dx, gx, fma(dy, gy, dz * gz)) * load(row_data, o + V1)
-                phi = response_in_closed_form(one, e, numbers) if closed else response_by_series(one, e, numbers)
-                if weighted:
-                    common = q * load(weights, o) + load(Q, b // _NINE) * load(weights, o + V1)  # alike from both ends
+                    f, d = _pulled(rows, row_data, r, S, b, u, z, q, Q, weights, weighted)
+                p = rounded(f, d, M)
+                sums = added(sums, p)
+                take_forces(S, b, p)
+                r += step
+            if rows > 1 and r < end:  # a row is left
+                b1 = places_of(1, row_offset, r)
+                u1, z1, q1, response1 = first_three(u), first_three(z), of_first(q), first_numbers(response)
+                if finite:
+                    f1, d1 = _stretched(1, row_data, r, S, b1, u1, z1, q1, Q, weights, weighted, response1, closed)
                 else:
-                    common = q + load(Q, b // _NINE)
-                f = load(row_data, o) * (phi + fnma(phi, common, common))
-                px = fma(f, gx + dx, M)
-                py = fma(f, gy + dy, M)
-                pz = fma(f, gz + dz, M)
-                fx = iadd(fx, px)
-                fy = iadd(fy, py)
-                fz = iadd(fz, pz)
-                store(S, b + V6, isub(load(S, b + V6), px))
-                store(S, b + V7, isub(load(S, b + V7), py))
-                store(S, b + V8, isub(load(S, b + V8), pz))
-            SI[own + 6 * W] += ihsum(fx)
-            SI[own + 7 * W] += ihsum(fy)
-            SI[own + 8 * W] += ihsum(fz)
+                    f1, d1 = _pulled(1, row_data, r, S, b1, u1, z1, q1, Q, weights, weighted)
+                p1 = rounded(f1, d1, of_first(M))
+                sums = added_first(rows, sums, p1)
+                take_forces(S, b1, p1)
+            add_own(SI, own, sums)
         return last
 
     return add_volumetric_forces
@@ -190,9 +159,9 @@ def _tangent_sweep(closed, weighted):
             The first is raised to the largest component of a bond's force.
         """
         zero = splat(0.0)
-        numbers = numbers_of(table)
-        M = held(table[V5])
-        one = held(table[V6])
+        numbers = numbers_of(1, table)
+        M = held(1, table[V5])
+        one = held(1, table[V6])
         peak = splat(extremes[0])
         for i in range(first, last):
             r = u8(row_start[i])
@@ -261,12 +230,12 @@ def _tangent_sweep(closed, weighted):
 
 #: By (finite, series, weighted).
 SWEEPS = {
-    (True, True, False): _finite_sweep(closed=False, weighted=False),
-    (True, False, False): _finite_sweep(closed=True, weighted=False),
-    (False, False, False): _linear_sweep(weighted=False),
-    (True, True, True): _finite_sweep(closed=False, weighted=True),
-    (True, False, True): _finite_sweep(closed=True, weighted=True),
-    (False, False, True): _linear_sweep(weighted=True),
+    (True, True, False): force_sweep(finite=True, closed=False, weighted=False),
+    (True, False, False): force_sweep(finite=True, closed=True, weighted=False, rows=1),
+    (False, False, False): force_sweep(finite=False, closed=False, weighted=False),
+    (True, True, True): force_sweep(finite=True, closed=False, weighted=True),
+    (True, False, True): force_sweep(finite=True, closed=True, weighted=True, rows=1),
+    (False, False, True): force_sweep(finite=False, closed=False, weighted=True),
 }
 #: By (series, weighted).
 TANGENTS = {

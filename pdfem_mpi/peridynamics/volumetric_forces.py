@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from pdfem_mpi.kernels import bond_response, dilatation_sweeps, dilatations, volumetric_sweeps
+from pdfem_mpi.kernels import bond_response, dilatation_changes, dilatation_sweeps, dilatations, volumetric_sweeps
 from pdfem_mpi.kernels.exact_sums import SIZE, add_products
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
@@ -147,7 +147,7 @@ class VolumetricForces(BondForces):
         """Add the terms of interior (0) or boundary rows to the dilatations of their points; bonds break."""
         extremes, shared, rows = np.zeros(2), self._dilatation_arguments(kind), self.bonds.rows[kind]
         if self.tangent:
-            sweep = dilatation_sweeps.CHANGES[self.series, self.law.is_weighted]
+            sweep = dilatation_changes.CHANGES[self.series, self.law.is_weighted]
             self._call(sweep, rows, points, (*shared, extremes))
             size = extremes[0] * self.law.largest_weight
             met[0] = max(met[0], size / (self.law.largest_weight * self.bonds.cutoff))

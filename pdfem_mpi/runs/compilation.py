@@ -24,6 +24,7 @@ from pdfem_mpi.kernels import (
     correction_sweeps,
     cycle_steps,
     dense,
+    dilatation_changes,
     dilatation_fit,
     dilatation_sweeps,
     dilatations,
@@ -86,7 +87,7 @@ NEEDED_BY = {
     },
     **{
         sweep: {"volumetric", "finite", "cg"} | ({"fitted"} if weighted else set())
-        for table in (dilatation_sweeps.CHANGES, volumetric_sweeps.TANGENTS)
+        for table in (dilatation_changes.CHANGES, volumetric_sweeps.TANGENTS)
         for (_, weighted), sweep in table.items()
     },
     banded: {"cg"},

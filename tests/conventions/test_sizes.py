@@ -11,10 +11,7 @@ CLASS = 150
 MOST_EXCEPTIONS = 4
 # What is longer, and how long it may be: entries go, and numbers fall.
 LONG_MODULES: dict[str, int] = {}
-LONG_FUNCTIONS = {
-    "kernels.bond_sweeps._finite_sweep": 167,
-    "kernels.bond_sweeps.add_bond_forces": 158,
-}
+LONG_FUNCTIONS: dict[str, int] = {}
 LONG_CLASSES = {
     "model.forces.Forces": 210,
     "peridynamics.failure.Failure": 176,
