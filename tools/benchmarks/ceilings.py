@@ -127,7 +127,7 @@ def add_forces_plain_sums(first, last, row_start, row_offset, row_data, S, table
         Points with a bond beyond the limit.
     """
     zero = splat(0.0)
-    numbers = numbers_of(table)
+    numbers = numbers_of(1, table)
     count = 0
     for i in range(first, last):
         r, end = u8(row_start[i]), u8(row_start[i + 1])

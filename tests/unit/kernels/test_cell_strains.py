@@ -38,18 +38,21 @@ def largest_strains(corners, u):
 
 @pytest.mark.parametrize("enough", [0.0, np.inf])
 def test_strains_are_bounded(cells, enough):
-    """From nodes and from points alike, roughly or at the corners."""
+    """From nodes and from points alike at the corners; roughly, where that is enough, from nodes by the box around them."""
     corners, u, inverse = cells
     connectivity = np.arange(160, dtype=np.int32).reshape(20, 8)
     by_nodes, by_points = np.empty(20), np.empty(20)
     inverse = np.ascontiguousarray(inverse)
     S, straight = table(corners, u), np.zeros(20, bool)
-    strains_by_nodes(connectivity, inverse, straight, S, 0, u.reshape(-1, 3), enough, by_nodes)
+    steep = 0.5 * np.linalg.norm(inverse, axis=2).sum(axis=1)
+    strains_by_nodes(connectivity, inverse, steep, straight, S, 0, u.reshape(-1, 3), enough, by_nodes)
     strains_by_points(S, inverse, straight, enough, by_points)
-    np.testing.assert_allclose(by_points, by_nodes, rtol=ROUND_OFF)
     true = largest_strains(corners, u)
-    assert (by_nodes >= true * (1.0 - ROUND_OFF)).all()
-    assert np.median(by_nodes / true) < (1.2 if enough == 0.0 else 3.0)
+    if enough == 0.0:
+        np.testing.assert_allclose(by_points, by_nodes, rtol=ROUND_OFF)
+    for bound, most in ((by_points, 3.0), (by_nodes, 4.0)):
+        assert (bound >= true * (1.0 - ROUND_OFF)).all()
+        assert np.median(bound / true) < (1.2 if enough == 0.0 else most)
 
 
 @pytest.mark.parametrize("size", [0.5, 1.0, 2.0])
@@ -69,7 +72,8 @@ def test_strains_of_tapered_cells_are_bounded(size):
     u += 5.0 * np.cross([0.0, 0.0, 1.0], corners)
     S, tapered, inverse = table(corners, u), np.ones(1, bool), np.full((1, 3, 3), np.nan)
     by_nodes, by_points = np.empty(1), np.empty(1)
-    strains_by_nodes(np.arange(8, dtype=np.int32)[None], inverse, tapered, S, 0, u[0], 0.0, by_nodes)
+    steep = np.full(1, np.nan)  # of parallelepipeds alone
+    strains_by_nodes(np.arange(8, dtype=np.int32)[None], inverse, steep, tapered, S, 0, u[0], 0.0, by_nodes)
     strains_by_points(S, inverse, tapered, 0.0, by_points)
     np.testing.assert_allclose(by_points, by_nodes, rtol=ROUND_OFF)
     assert by_nodes[0] >= largest_strains(corners, u)[0] * (1.0 - ROUND_OFF)
