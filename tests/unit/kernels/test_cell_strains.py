@@ -38,7 +38,7 @@ def largest_strains(corners, u):
 
 @pytest.mark.parametrize("enough", [0.0, np.inf])
 def test_strains_are_bounded(cells, enough):
-    """From nodes and from points alike at the corners; roughly, where that is enough, from nodes by the box around them."""
+    """From nodes and from points alike at the corners; roughly, where that is enough, from nodes by their box."""
     corners, u, inverse = cells
     connectivity = np.arange(160, dtype=np.int32).reshape(20, 8)
     by_nodes, by_points = np.empty(20), np.empty(20)
