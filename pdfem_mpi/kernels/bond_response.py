@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from pdfem_mpi.kernels.abreast import for_first, gather, held, of_first, spread, take_from
-from pdfem_mpi.kernels.simd import W, fma, iadd, ihsum, largest, prefetch, root
+from pdfem_mpi.kernels.simd import W, fma, iadd, ihsum, lanes, largest, prefetch, root
 
 #: Coefficients of ``phi / e = 1/2 - 3/8 e + ...``
 SERIES = (1 / 2, -3 / 8, 5 / 16, -35 / 128, 63 / 256)
@@ -126,6 +126,39 @@ def take_forces(S, b, p):
     take_from(S, b, V6, p[0])
     take_from(S, b, V7, p[1])
     take_from(S, b, V8, p[2])
+
+
+@njit(inline="always")
+def record_broken(per_slot, i, other, broken, o, row_data, pairs, strengths, count):
+    """Record the broken bonds of a row, and set their numbers to 0.
+
+    Parameters
+    ----------
+    per_slot : 1 or 2
+        Numbers that a slot has.
+    i, other : int
+        Point and cluster of the row.
+    broken : vector
+        Bits set in the lanes of broken bonds.
+    o : uint64
+        Where the numbers of the row stand.
+
+    Returns
+    -------
+    int
+        Number of records.
+    """
+    for lane in range(W):
+        if (lanes(broken) >> lane) & 1 and row_data[o + u8(lane)] != 0:
+            pairs[count, 0] = i
+            pairs[count, 1] = np.int64(other) * W + lane
+            strengths[count, 0] = row_data[o + u8(lane)]
+            row_data[o + u8(lane)] = 0
+            if per_slot == 2:
+                strengths[count, 1] = row_data[o + u8(W + lane)]
+                row_data[o + u8(W + lane)] = 0
+            count += 1
+    return count
 
 
 @njit(inline="always")

@@ -31,7 +31,6 @@ for each single bond (integers wrap harmlessly in between). The rounding error o
 ``q / 2`` a bond and ``q <= 2**-49`` of the largest bond force admitted by the bound; taking back a force is exact.
 """
 
-import numpy as np
 from numba import njit, types
 
 from pdfem_mpi.kernels.abreast import ROWS, add_to, for_all, held, numbers, of_first, places_of, spread, two_numbers
@@ -49,6 +48,7 @@ from pdfem_mpi.kernels.bond_response import (
     first_numbers,
     first_three,
     numbers_of,
+    record_broken,
     response_by_series,
     response_in_closed_form,
     rounded,
@@ -121,16 +121,7 @@ def _break_stretched(
         p = rounded(both(f, broken), y, M)
         _give_back(S, SI, b, own, (isub(p[0], M), isub(p[1], M), isub(p[2], M)))
         top = largest(isub(e, both(e, broken)), top)
-        o = row * STEP
-        for lane in range(W):
-            if (lanes(broken) >> lane) & 1 and row_data[o + u8(lane)] != 0:
-                pairs[count, 0] = i
-                pairs[count, 1] = np.int64(other) * W + lane
-                strengths[count, 0] = row_data[o + u8(lane)]
-                strengths[count, 1] = row_data[o + u8(W + lane)]
-                row_data[o + u8(lane)] = 0
-                row_data[o + u8(W + lane)] = 0
-                count += 1
+        count = record_broken(2, i, other, broken, row * STEP, row_data, pairs, strengths, count)
     return top, count
 
 
@@ -289,14 +280,7 @@ def _break_pulled(
             continue
         p = rounded(both(f, broken), xi, M)
         _give_back(S, SI, b, own, (isub(p[0], M), isub(p[1], M), isub(p[2], M)))
-        o = row * V1
-        for lane in range(W):
-            if (lanes(broken) >> lane) & 1:
-                pairs[count, 0] = i
-                pairs[count, 1] = np.int64(other) * W + lane
-                strengths[count, 0] = row_data[o + u8(lane)]
-                row_data[o + u8(lane)] = 0
-                count += 1
+        count = record_broken(1, i, other, broken, row * V1, row_data, pairs, strengths, count)
     return count
 
 

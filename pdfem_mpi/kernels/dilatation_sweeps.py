@@ -40,6 +40,7 @@ from pdfem_mpi.kernels.bond_response import (
     ask_ahead,
     first_numbers,
     first_three,
+    record_broken,
     three,
     u8,
     work_of,
@@ -152,14 +153,7 @@ def _break_pulled(
         p = isub(M, fma(both(f, broken), square, M))
         DI[i] += ihsum(p)
         add_to(D, points_of(b), ZERO, p)
-        o = row * V1
-        for lane in range(W):
-            if (lanes(broken) >> lane) & 1:
-                pairs[count, 0] = i
-                pairs[count, 1] = np.int64(other) * W + lane
-                strengths[count, 0] = row_data[o + u8(lane)]
-                row_data[o + u8(lane)] = 0
-                count += 1
+        count = record_broken(1, i, other, broken, row * V1, row_data, pairs, strengths, count)
     return count
 
 
@@ -183,16 +177,7 @@ def _break_stretched(
         DI[i] += ihsum(p)
         add_to(D, points_of(b), ZERO, p)
         top = largest(isub(e, both(e, broken)), top)  # e of the intact lanes, 0 on the broken
-        o = row * STEP
-        for lane in range(W):
-            if (lanes(broken) >> lane) & 1 and row_data[o + u8(lane)] != 0:
-                pairs[count, 0] = i
-                pairs[count, 1] = np.int64(other) * W + lane
-                strengths[count, 0] = row_data[o + u8(lane)]
-                strengths[count, 1] = row_data[o + u8(W + lane)]
-                row_data[o + u8(lane)] = 0
-                row_data[o + u8(W + lane)] = 0
-                count += 1
+        count = record_broken(2, i, other, broken, row * STEP, row_data, pairs, strengths, count)
     return top, count
 
 

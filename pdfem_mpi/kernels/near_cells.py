@@ -1,5 +1,7 @@
 """Cells within a reach of each other, by bins as wide as that: where numbers are large, and what is around."""
 
+import math
+
 from numba import njit, types
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
@@ -53,12 +55,13 @@ def near_larger(bins, members, place, centre, reach2, number, more, around, more
         i, j, k = place[cell]
         chosen[cell] = limit[cell] < 0.0 or (
             around[i, j, k] + more_around[i, j, k] > limit[cell]
-            and _is_near_larger(bins, members, place, centre, reach2, number, more, cell, limit[cell])
+            and _largest_around(bins, members, place, centre, reach2, number, more, cell, limit[cell]) > limit[cell]
         )
 
 
 @njit(**_options)
-def _is_near_larger(bins, members, place, centre, reach2, number, more, cell, limit):
+def _largest_around(bins, members, place, centre, reach2, number, more, cell, enough):
+    """Sum of the largest numbers of both kinds within the reach of a cell; what was found first above ``enough``."""
     i, j, k = place[cell]
     top, most = 0.0, 0.0
     for a in range(i - 1, i + 2):
@@ -68,9 +71,9 @@ def _is_near_larger(bins, members, place, centre, reach2, number, more, cell, li
                     other = members[m]
                     if (number[other] > top or more[other] > most) and are_near(centre, cell, other, reach2):
                         top, most = max(top, number[other]), max(most, more[other])
-                        if top + most > limit:
-                            return True
-    return False
+                        if top + most > enough:
+                            return top + most
+    return top + most
 
 
 @njit(**_options)
@@ -91,15 +94,7 @@ def largest_near(bins, members, place, centre, reach2, number, more, around, mor
         largest[cell] = around[i, j, k] + more_around[i, j, k]
         if largest[cell] <= enough[cell]:
             continue
-        top, most = 0.0, 0.0
-        for a in range(i - 1, i + 2):
-            for b in range(j - 1, j + 2):
-                for c in range(k - 1, k + 2):
-                    for m in range(bins[a, b, c, 0], bins[a, b, c, 1]):
-                        other = members[m]
-                        if (number[other] > top or more[other] > most) and are_near(centre, cell, other, reach2):
-                            top, most = max(top, number[other]), max(most, more[other])
-        largest[cell] = top + most
+        largest[cell] = _largest_around(bins, members, place, centre, reach2, number, more, cell, math.inf)
 
 
 @njit(**_options)
