@@ -92,7 +92,7 @@ def stages(include_slow: bool) -> list[Stage]:
         Stage(
             "lint",
             [[sys.executable, "-m", "ruff", "check", "."], pytest("lint.xml", "tests/conventions")],
-            30,
+            120,
             [REPORTS / "lint.xml"],
         ),
         Stage(
@@ -102,7 +102,7 @@ def stages(include_slow: bool) -> list[Stage]:
                 ["env", *settings, *command, sys.executable, "-m", "pdfem_mpi", "warmup"],
                 pytest("serial.xml", "-m", f"not mpi{slow} and not study", "--ignore=tests/conventions", *TWO_AT_ONCE),
             ],
-            limit(420),
+            limit(480),
             [REPORTS / "serial.xml"],
         ),
         Stage(
