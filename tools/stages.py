@@ -102,7 +102,7 @@ def stages(include_slow: bool) -> list[Stage]:
                 ["env", *settings, *command, sys.executable, "-m", "pdfem_mpi", "warmup"],
                 pytest("serial.xml", "-m", f"not mpi{slow} and not study", "--ignore=tests/conventions", *TWO_AT_ONCE),
             ],
-            limit(480),
+            limit(720),
             [REPORTS / "serial.xml"],
         ),
         Stage(
