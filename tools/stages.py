@@ -91,7 +91,11 @@ def stages(include_slow: bool) -> list[Stage]:
     return [
         Stage(
             "lint",
-            [[sys.executable, "-m", "ruff", "check", "."], pytest("lint.xml", "tests/conventions")],
+            [
+                [sys.executable, "-m", "ruff", "check", "."],
+                [sys.executable, "-m", "ruff", "format", "--check", "."],
+                pytest("lint.xml", "tests/conventions"),
+            ],
             120,
             [REPORTS / "lint.xml"],
         ),

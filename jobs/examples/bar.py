@@ -1,7 +1,6 @@
 """Solve the coupled bar of section 4.1 and plot its axial displacement over the exact one.
 
-    python jobs/examples/bar.py            one rank, a few seconds
-    mpirun -n 2 python jobs/examples/bar.py
+Type ``python jobs/examples/bar.py`` (one rank, a few seconds), or ``mpirun -n 2 python jobs/examples/bar.py``.
 """
 
 from pathlib import Path

@@ -1,6 +1,6 @@
 """Pull a cracked plate apart, one event at a time, and plot its damage where half of its strength is gone.
 
-    python jobs/examples/failing_plate.py  a few seconds
+Type ``python jobs/examples/failing_plate.py`` (a few seconds).
 """
 
 from pathlib import Path

@@ -1,6 +1,6 @@
 """Solve one deck with several internal lengths in a loop, and print how stiff each bar is.
 
-    python jobs/examples/study.py          some ten seconds; the runs stay in runs/lengths
+Type ``python jobs/examples/study.py`` (some ten seconds; the runs stay in ``runs/lengths``).
 """
 
 from pathlib import Path
