@@ -189,8 +189,8 @@ def describe_moments(moments: tuple[Moment, ...]) -> list[str]:
         for moment in moments
     ] + [
         f"warning: {_key(moment.material)}.poissons_ratio = {moment.poissons_ratio:g} is above "
-        f"{NEARLY_INCOMPRESSIBLE:g}: solves take up to twice as long, and displacements are less exact. Use a lower "
-        "one where it serves."
+        f"{NEARLY_INCOMPRESSIBLE:g}: solves take several times as long, and displacements are less exact. Use a "
+        "lower one where it serves."
         for moment in moments
         if moment.poissons_ratio > NEARLY_INCOMPRESSIBLE
     ]

@@ -159,6 +159,8 @@ def test_what_lies_outside_of_the_stable_range_is_refused():
         "materials.b.poissons_ratio = 0.3: bonds and a volumetric part; largest moment of a point 1.1, stable whatever "
         "it is",
     ]
+    warning = describe_moments((Moment("default", 0.49, 1.1, np.inf),))[1]
+    assert warning.startswith("warning: material.poissons_ratio = 0.49 is above 0.45: solves take several times as")
 
 
 def test_the_bulk_has_a_moment_of_one():
