@@ -98,6 +98,11 @@ def test_page_of_the_hard_cases_from_reports(tmp_path, monkeypatch):
     ]
 
 
+def test_the_page_of_the_hard_cases_begins_as_its_study_says():
+    """Words are changed in the study, of which a new page is made, or the next run would undo them."""
+    assert (ROOT / "docs" / "hard_cases.md").read_text(encoding="utf-8").startswith(hard_cases.HEAD)
+
+
 def test_a_case_of_the_failure_study_without_a_run_is_marked(tmp_path, monkeypatch):
     monkeypatch.setattr(failure, "RESULTS", series.Results(tmp_path))
     lines = failure.section(*failure.SECTIONS[0])

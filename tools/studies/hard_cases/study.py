@@ -43,20 +43,23 @@ FAMILIES = {
 
 HEAD = """# Hard cases
 
-Twenty-two families of bodies and loads that break programs of this kind, each one solved within the stated error or
-refused by name, with the reason and the remedy. The decks with their comments are in `jobs/hard`, the table of variants
-in `tests/hard/cases.py`; `tests/hard` runs short forms by default and whole ones where tests marked slow run.
-`tools/studies/study hard_cases` runs all of them on one and two ranks (family 18: on one to eight) and writes
-this page.
+Bodies and loads that break programs of this kind, in twenty-two families. Each case is solved within the error that
+its row states, or refused with the reason and the remedy. Look here for a body like yours: the page says what to
+expect, and its deck is a place to begin.
 
-* **Expected**: a closed form, a statement of theory, or the direct solution of the same equations by another program
-  (`tests/support/direct_solution.py`: one sparse matrix, a direct solver, bonds one by one). Errors are relative to the
-  largest displacement unless the row says otherwise; displacement fields are kept in single precision, so errors below
-  1e-7 are not seen.
+* **Decks** with comments are in `jobs/hard`; `tests/hard/cases.py` has the variants of each and the bound of its error.
+* **Expected**: a closed form, a statement of theory, or the direct solution of the same equations by code of its own
+  (`tests/support/direct_solution.py`: one sparse matrix, a direct solver, bonds one by one). *Ledger* is `ledger_error`
+  of `history.csv`, the balance of work and energies over the work.
+* **Error**: relative to the largest displacement, unless the row says otherwise. Displacement fields are kept in single
+  precision, so errors of displacements below 1e-7 are not seen.
+* **Evaluations** are sweeps over all bonds and elements. **Seconds** are processor time of the whole run on one rank,
+  in a process that has loaded the kernels of earlier ones.
 * **Verdict**: *solved*, or *refused* with exit code 64 (the deck) or 74 (no equilibrium) and the words that are quoted.
-  Every row has the same bits on all its numbers of ranks and finite numbers only.
-* Evaluations are sweeps over all bonds and elements; seconds are processor time of the whole run on one rank, in a
-  process that has loaded the kernels of earlier ones.
+  Every row has only finite numbers, and the same bits on one and two ranks (family 18: on one to eight).
+
+`tools/studies/study hard_cases` runs all cases and writes this page. `tests/hard` runs short forms of them, and the
+whole ones with the slow tests.
 """
 
 
