@@ -307,7 +307,7 @@ CASES = (
         8,
         "jittered bonds, fitted",
         "distorted",
-        "u = 1e-3 x, to 6e-3: tractions on skewed faces miss the factors' last change (docs/fitted.md)",
+        "u = 1e-3 x, to 6e-3: tractions on skewed faces miss the area vectors' last change (docs/fitted.md)",
         uniform_tension(1e-3, 6e-3),
         (*only("peridynamics", "body"), FITTED),
         None,
