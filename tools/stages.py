@@ -24,7 +24,7 @@ from pdfem_mpi.system import launcher as launch
 
 ROOT = Path(__file__).resolve().parent.parent
 REPORTS = ROOT / ".check"
-PYTEST = [sys.executable, "-m", "pytest", "-q"]
+PYTEST, RUFF = [sys.executable, "-m", "pytest", "-q"], [sys.executable, "-m", "ruff"]
 NOTHING_COLLECTED = "exit code 5"
 TWO_AT_ONCE = ["-n", "2", "--dist", "worksteal"]
 MPI_TESTS, COUNTS = ("tests/mpi", "tests/hard"), ("tests/mpi/test_counts.py",)
@@ -91,11 +91,7 @@ def stages(include_slow: bool) -> list[Stage]:
     return [
         Stage(
             "lint",
-            [
-                [sys.executable, "-m", "ruff", "check", "."],
-                [sys.executable, "-m", "ruff", "format", "--check", "."],
-                pytest("lint.xml", "tests/conventions"),
-            ],
+            [RUFF + ["check", "."], RUFF + ["format", "--check", "."], pytest("lint.xml", "tests/conventions")],
             120,
             [REPORTS / "lint.xml"],
         ),
