@@ -18,7 +18,7 @@ from pdfem_mpi.mesh.extrusion import Extrusion, Part
 from pdfem_mpi.mesh.faces import connected
 from pdfem_mpi.mesh.hexmesh import FACES, POSITION_TOLERANCE, HexMesh, equal_rows, with_own_nodes
 from pdfem_mpi.mesh.part import Measures, MeshPart
-from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.parallel.comm import largest, sum_before, sum_integers
 from pdfem_mpi.parallel.directory import Directory
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ def _count_pieces(pieces: Pieces) -> int:
     inside = own[one] & own[two]
     _, label = connected(n, one[inside], two[inside])
     names, label_of_own = np.unique(label[own], return_inverse=True)
-    first = comm.exscan(len(names)) or 0
+    first = int(sum_before(comm, len(names)))
     part = np.full(n, -1, np.int64)
     part[own] = first + label_of_own
     total = int(sum_integers(comm, np.array([len(names)]))[0])

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pdfem_mpi.parallel.bisection import REACH, SLACK, mean_edge
-from pdfem_mpi.parallel.comm import largest, sum_integers
+from pdfem_mpi.parallel.comm import largest, sum_before, sum_integers
 from pdfem_mpi.parallel.directory import Exchange
 
 if TYPE_CHECKING:
@@ -189,9 +189,8 @@ def _select(comm: Intracomm, cells: Cells, keys: Array, amounts: Array, targets:
 def _receivers(comm: Intracomm, left: Array) -> Array:
     """Ranks that cells go to, as many to each rank of a side as to the others; int64, shape (n,). Collective."""
     counts = np.array([np.count_nonzero(left), np.count_nonzero(~left)])
-    before = comm.exscan(counts)
-    before = np.zeros(2, np.int64) if before is None else before
-    total, n_left = sum_integers(comm, counts), comm.size // 2
+    before, total = sum_before(comm, counts), sum_integers(comm, counts)
+    n_left = comm.size // 2
     to = np.empty(len(left), np.int64)
     for side, (first, n) in zip((left, ~left), ((0, n_left), (n_left, comm.size - n_left)), strict=True):
         k = int(first != 0)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pdfem_mpi.parallel.comm import mpi, report_progress, sum_integers
+from pdfem_mpi.parallel.comm import mpi, report_progress, sum_before, sum_integers
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -104,7 +104,7 @@ class Directory:
     def of_places(cls, comm: Intracomm, ids: Array, n: int) -> Directory:
         """The place of each id among those that ranks have, in rising order; several may have the same. Collective."""
         here = np.unique(Exchange(comm, holders(comm, ids, n)).there(ids))
-        before = comm.exscan(len(here)) or 0
+        before = int(sum_before(comm, len(here)))
         return cls(comm, n, here, before + np.arange(len(here)))
 
     def count(self) -> int:

@@ -54,6 +54,7 @@ from pdfem_mpi.kernels import (
     volumetric_sweeps,
     weighted_blocks,
 )
+from pdfem_mpi.parallel.comm import report_progress
 
 #: All modules of kernels, by name.
 MODULES = tuple(
@@ -182,6 +183,7 @@ def compile_kernels(features: Collection[str] | None = None, share: int = 0, n_s
         load_past_registries(kernel)
     for kernel in share_out(chosen, n_shares)[share]:
         kernel.compile(tuple(chosen[kernel].args))  # as a call does: the cache keeps an entry with a return type apart
+        report_progress()
     for kernel, signature in kernels().items():
         if tuple(signature.args) in kernel.signatures:  # one that was only called stays open for other layouts
             kernel.disable_compile()

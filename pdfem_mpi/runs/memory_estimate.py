@@ -53,7 +53,7 @@ MOMENT_BYTES, ENTRY_BYTES, BAND_BYTES, WINDOW_BYTES = 2_600, 30, 4, 8
 SLAB_CELL_BYTES = 4 * 8 * 24
 #: What a run takes whatever its body is: Python's objects, and the files that are written. Measured on bodies of eight
 #: cells a rank: on one rank; more on several, for their messages; and for each other rank that one exchanges with.
-OBJECT_BYTES, MESSAGE_BYTES, NEIGHBOUR_BYTES = 1.5 * 2**20, 1.5 * 2**20, 0.1 * 2**20
+OBJECT_BYTES, MESSAGE_BYTES, NEIGHBOUR_BYTES = 1.5 * 2**20, 0.2 * 2**20, 0.02 * 2**20
 #: Table, vectors, blocks and multipliers of a point while bond factors are fitted.
 FIT_POINT_BYTES = 1700
 #: Matrix and factors of the fit's grid on every rank, for a cell with points, and at most.

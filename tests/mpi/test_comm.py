@@ -22,6 +22,7 @@ from pdfem_mpi.parallel.comm import (
     node_communicator,
     observing_progress,
     on_root_beating,
+    sum_before,
     sum_integers,
 )
 from pdfem_mpi.parallel.slabs import gather_pairs, gather_rows
@@ -49,6 +50,14 @@ def test_sum_of_integers_is_exact(comm):
     assert total.dtype == np.int64
     np.testing.assert_array_equal(total, [[n * (n + 1) // 2, odd], [0, n - odd]])
     assert values[0, 0] == comm.rank + 1
+
+
+def test_a_sum_before_leaves_out_this_rank_and_those_after_it(comm):
+    """Of an array, and of a number."""
+    numbers = 10 ** np.arange(comm.size)
+    before = sum_before(comm, np.array([numbers[comm.rank], 2**60])), sum_before(comm, comm.rank + 1)
+    np.testing.assert_array_equal(before[0], [numbers[: comm.rank].sum(), comm.rank * 2**60])
+    assert_all(comm, int(before[1]) == comm.rank * (comm.rank + 1) // 2)
 
 
 def test_sum_takes_views_narrow_integers_and_empty_arrays(comm):

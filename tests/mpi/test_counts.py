@@ -1,5 +1,7 @@
 """What ranks send and hold, on 8 and on 32 of them, oversubscribed: 216 cells a rank. By default, as they are few."""
 
+from time import sleep
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from pdfem_mpi.kernels.exact_sums import SIZE
 from pdfem_mpi.parallel.comm import broadcast, sum_integers, world
 from pdfem_mpi.parallel.traffic import TRAFFIC, join
 from pdfem_mpi.stepping import follow_load_program, make_solver
-from support.bodies import bar_of_cubes, build, make_scene
+from support.bodies import build, make_scene
 from support.helpers import assert_all
 from support.walking import entries_by_path
 
@@ -16,9 +18,9 @@ pytestmark = pytest.mark.mpi
 BLOCKS = {8: (2, 2, 2), 32: (4, 4, 2)}
 #: What a rank sends at most, in the mean of ranks and evaluations: messages and KiB.
 MOST_SENT = {
-    ("cg", 8): (27, 140), ("cg", 32): (40, 200),
-    ("cg, half elements", 8): (40, 200), ("cg, half elements", 32): (40, 200),
-    ("adr", 8): (12, 120), ("adr", 32): (18, 160),
+    ("cg", 8): (24, 125), ("cg", 32): (40, 200),
+    ("cg, half elements", 8): (25, 95), ("cg, half elements", 32): (40, 200),
+    ("adr", 8): (12, 120),
 }  # fmt: skip
 #: Rows of the busiest rank over the mean.
 BALANCED = {"cg": 1.05, "cg, half elements": 1.2, "adr": 1.05}
@@ -30,8 +32,8 @@ MOST_BYTES = 12 * 8 * SIZE
 def test_ranks_of_a_block_send_little_and_share_the_rows_evenly(case, record_property):
     """Also to those at edges and corners: half of those messages go one way."""
     comm = world()
-    if comm.size not in BLOCKS:
-        pytest.skip("a block of cubes has 8 or 32 of them")
+    if (case, comm.size) not in MOST_SENT:
+        pytest.skip("a block of cubes has 8 or 32 of them; on 32, relaxation sends a part of what gradients send")
     cells, solver = tuple(6 * n for n in BLOCKS[comm.size]), case[: case.find(",")] if "," in case else case
     n_elements = cells[0] // 2 if "elements" in case else 0
     tolerance = {"cg": 1e-3, "adr": 0.3}[solver]
@@ -52,7 +54,8 @@ def test_ranks_of_a_block_send_little_and_share_the_rows_evenly(case, record_pro
 
 def walked(ranks, n_elements, comm):
     """Entries of the arrays of a body of so many cubes on as many ranks, the largest at each path. Collective."""
-    body = build(bar_of_cubes(ranks, n_elements * ranks, tolerance=0.1), comm)
+    cells = SMALL * ranks, SMALL, SMALL
+    body = build(make_scene(cells, n_elements * ranks, correction="none", solver="cg", tolerance=0.1), comm)
     solve = make_solver(body.scene, body.share, body.forces, body.case, lambda text: None)
     list(follow_load_program(body.scene, solve, None, body.state, body.case))
     found = entries_by_path(share=body.share, forces=body.forces, case=body.case, state=body.state, solve=solve)
@@ -61,6 +64,13 @@ def walked(ranks, n_elements, comm):
         for path, n in own.items():
             table[path] = max(n, table.get(path, 0))
     return table
+
+
+def wait_asleep(comm):
+    """Until all are here. Who waits in MPI takes turns with who works, on fewer cores than ranks. Collective."""
+    over = comm.Ibarrier()
+    while not over.Test():
+        sleep(0.02)
 
 
 def at(path, table):
@@ -73,6 +83,8 @@ def at(path, table):
     return table.get(path, 0)
 
 
+#: Cells along an edge of a rank's cube in a row: more than the cutoff radius, so that a rank has bonds beside it only.
+SMALL = 4
 #: Paths whose arrays may grow: the last grid, which has so many unknowns at most, and what is in it.
 WHOLE = ".last."
 #: Entries of arrays whose number says nothing about the body: numbers of ranks, of materials, of loads.
@@ -83,7 +95,7 @@ ENDS = ".nodes.halo._buffers"
 
 
 @pytest.mark.usefixtures("small_last_grids")
-@pytest.mark.parametrize("n_elements", [0, 6], ids=["bonds", "elements"])
+@pytest.mark.parametrize("n_elements", [0, SMALL], ids=["bonds", "elements"])
 def test_no_array_grows_with_the_body(n_elements):
     """Of 8 and 32 ranks in a row, and of 4 and 8, with as many cells each: at most 1.5 times the entries."""
     everyone = world()
@@ -93,6 +105,7 @@ def test_no_array_grows_with_the_body(n_elements):
     group = everyone.Split(int(everyone.rank >= few))
     smaller = walked(few, n_elements, group) if everyone.rank < few else {}
     group.Free()
+    wait_asleep(everyone)
     larger = walked(everyone.size, n_elements, everyone)
     smaller = broadcast(everyone, smaller)
     limits = {path: (2.0 if few == 4 and ENDS in path else 1.5) * at(path, smaller) + FEW for path in larger}

@@ -146,8 +146,11 @@ def test_the_estimate_is_near_what_becomes_resident(deck, overrides):
     assert estimated == pytest.approx(measured, rel=NEAR), (estimated, measured)
 
 
-#: Of 6 x 6 x 6 cells of bonds a rank: what `check` promises, and how far a peak on 32 ranks may be above that on 8.
-NEAR_PEAK, MORE_ON_32 = 0.25, 1.15
+#: Of 6 x 6 x 6 cells of bonds a rank: what `check` promises of the largest rank, and of the mean; and how far a peak on
+#: 32 ranks may be above that on 8.
+NEAR_PEAK, NEAR_MEAN, MORE_ON_32 = 0.25, 0.15, 1.15
+#: Bytes by which ranks of a cube of 2 x 2 x 2 differ, apart from rank 0: tables of MPI would be 2 MiB on some of them.
+ALIKE = 2**20
 EDGES = {1: (1, 1, 1), 8: (2, 2, 2), 32: (4, 4, 2)}
 
 
@@ -178,13 +181,15 @@ def private_peaks(ranks, out):
 
 def assert_near(estimated, peaks):
     """The mean over the ranks, and the largest."""
-    assert estimated.mean() == pytest.approx(peaks.mean(), rel=NEAR_PEAK), (estimated, peaks)
+    assert estimated.mean() == pytest.approx(peaks.mean(), rel=NEAR_MEAN), (estimated, peaks)
     assert estimated.max() == pytest.approx(peaks.max(), rel=NEAR_PEAK), (estimated, peaks)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="private memory is read from /proc")
 def test_the_estimate_is_near_the_private_peak_of_a_run_on_eight_ranks(tmp_path):
-    assert_near(*private_peaks(8, tmp_path / "run"))
+    estimated, peaks = private_peaks(8, tmp_path / "run")
+    assert_near(estimated, peaks)
+    assert np.ptp(peaks[1:]) < ALIKE, peaks
 
 
 @pytest.mark.slow
