@@ -91,7 +91,7 @@ def stages(include_slow: bool) -> list[Stage]:
     return [
         Stage(
             "lint",
-            [RUFF + ["check", "."], RUFF + ["format", "--check", "."], pytest("lint.xml", "tests/conventions")],
+            [[*RUFF, "check", "."], [*RUFF, "format", "--check", "."], pytest("lint.xml", "tests/conventions")],
             120,
             [REPORTS / "lint.xml"],
         ),
