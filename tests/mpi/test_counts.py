@@ -20,7 +20,7 @@ BLOCKS = {8: (2, 2, 2), 32: (4, 4, 2)}
 MOST_SENT = {
     ("cg", 8): (24, 125), ("cg", 32): (40, 200),
     ("cg, half elements", 8): (25, 95), ("cg, half elements", 32): (40, 200),
-    ("adr", 8): (12, 120),
+    ("adr", 8): (12, 120), ("adr", 32): (18, 160),
 }  # fmt: skip
 #: Rows of the busiest rank over the mean.
 BALANCED = {"cg": 1.05, "cg, half elements": 1.2, "adr": 1.05}
@@ -32,8 +32,8 @@ MOST_BYTES = 12 * 8 * SIZE
 def test_ranks_of_a_block_send_little_and_share_the_rows_evenly(case, record_property):
     """Also to those at edges and corners: half of those messages go one way."""
     comm = world()
-    if (case, comm.size) not in MOST_SENT:
-        pytest.skip("a block of cubes has 8 or 32 of them; on 32, relaxation sends a part of what gradients send")
+    if comm.size not in BLOCKS:
+        pytest.skip("a block of cubes has 8 or 32 of them")
     cells, solver = tuple(6 * n for n in BLOCKS[comm.size]), case[: case.find(",")] if "," in case else case
     n_elements = cells[0] // 2 if "elements" in case else 0
     tolerance = {"cg": 1e-3, "adr": 0.3}[solver]
