@@ -23,7 +23,6 @@ from pdfem_mpi import __version__
 from pdfem_mpi.command import options
 from pdfem_mpi.command.console import ConsoleReporter, fail, print_at_once, print_problems, print_table
 from pdfem_mpi.command.decks import init, schema
-from pdfem_mpi.command.doctor import examine
 from pdfem_mpi.command.folders import clean, export
 from pdfem_mpi.command.plotting import plot
 from pdfem_mpi.command.world import become_ranks, let_interrupts_end_all, read_scene, start_world
@@ -275,6 +274,8 @@ def study(
 
 def doctor() -> int:
     """Print MPI runtime, cores, threads and cache; test that ranks start and files can be written."""
+    from pdfem_mpi.command.doctor import examine
+
     launch.prepare_environment()
     if problem := shared_memory_problem(1):  # MPI would end this process
         raise fail([f"pdfem: {problem}"], launch.rank_by_launcher())

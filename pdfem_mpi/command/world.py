@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pdfem_mpi.command.console import fail, print_problems
+from pdfem_mpi.command.launching import start_ranks
 from pdfem_mpi.deck.meshes import FileMesh, PlateWithHoleMesh
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import DeckError
@@ -24,11 +25,7 @@ def become_ranks(deck: Path, overrides: list[str], ranks: int | None) -> None:
     if launch.launcher_variable() is None and ranks is not None and ranks > 1:
         try:
             _refuse_ranks(read_deck(deck, overrides), deck, ranks)  # problems show before any rank starts
-            plan = launch.plan_launch(ranks, sys.argv[1:])
-            if not launch.is_open_mpi(plan.command[0]) and (problem := shared_memory_problem(ranks)):
-                raise launch.LaunchError(problem)
-            print(plan.line, flush=True)
-            launch.become(plan)
+            start_ranks(ranks)
         except DeckError as error:
             raise fail(error.messages, 0) from None
         except launch.LaunchError as error:

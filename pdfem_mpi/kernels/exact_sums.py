@@ -249,9 +249,6 @@ def value(digits):
 
 _f8, _i8 = types.float64[::1], types.int64[::1]
 SIGNATURES = {
-    add_any_terms: types.void(_f8, types.int64, _i8),
-    add_sized_terms: types.void(_f8, types.int64, types.float64, _i8),
-    add_terms: types.void(_f8, types.int64, _i8),
     add_products: types.void(_f8, _f8, _i8),
     carry: types.void(_i8),
 }

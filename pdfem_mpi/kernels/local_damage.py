@@ -85,7 +85,6 @@ def add_shared_weights(pairs, share, cell_number, x, volume, quantum, sums):
 
 _f8, _i8, _int = types.float64[::1], types.int64[::1], types.int64
 SIGNATURES = {
-    add_pair: types.void(_int, _int, _i8, _f8, _f8, types.float64, _i8),
     add_shared_weights: types.void(types.int64[:, ::1], _f8, _i8, _f8, _f8, types.float64, _i8),
     add_listed_weights: types.void(types.int64[:, ::1], _i8, _f8, _f8, types.float64, _i8),
     add_bond_weights: types.void(

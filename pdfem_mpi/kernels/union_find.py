@@ -87,8 +87,6 @@ def spread_smallest(parent, label):
 
 _i8, _int = types.int64[::1], types.int64
 SIGNATURES = {
-    root_of: _int(_i8, _int),
-    join: types.void(_i8, _int, _int),
     join_bonds: types.void(_i8, types.uint32[::1], types.float32[::1], _int, _i8, _i8),
     join_rows: types.void(types.int64[:, ::1], _i8),
     spread_smallest: types.void(_i8, _i8),

@@ -232,4 +232,4 @@ def load_kernels(scene: Scene, comm, reporter: Reporter) -> None:
         reporter.line(f"compiling {missing} kernels, once on this machine (up to 30 s)")
     with no_search_for_garbage():
         warm_up(comm, features)
-    load_libraries(scene, comm)
+        load_libraries(scene, comm)

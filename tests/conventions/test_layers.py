@@ -58,6 +58,7 @@ LATE_IMPORTS = {
     ("command.console", "rich"),
     ("command.doctor", "pdfem_mpi.parallel"),
     ("command.folders", "pdfem_mpi"),
+    ("command.launching", "pdfem_mpi"),
     ("command.plotting", "pdfem_mpi"),
     ("results.failure_plots", "matplotlib.animation"),
     ("results.pictures", "pyvista"),
@@ -88,7 +89,7 @@ LATE_IMPORTS = {
     ("solvers.preconditioner.grid_stiffness", "scipy"),
     ("solvers.preconditioner.levels", "scipy"),
 }
-PRINTERS = ("command.cli", "command.console", "command.world")
+PRINTERS = ("command.cli", "command.console", "command.launching")
 
 
 class Import(NamedTuple):
