@@ -52,9 +52,20 @@ def restrict_points(cells, r, quantum, coarse):
 
 
 @njit(**_options)
-def interpolate_to_points(cells, coarse, z):
-    """``z = T coarse`` at the points of cells; parameters as in `restrict_points`, of dimension length."""
-    values = np.empty(24)
+def correct_points(cells, coarse, blocks, omega, r, z):
+    """``z = T coarse + omega B r`` at the points of cells, in one pass over the vectors.
+
+    Parameters
+    ----------
+    cells
+        As of `restrict_points`.
+    coarse : float64, shape (n_nodes, 3), dimension length
+    blocks, omega
+        As of `add_block_products`, a block for each point.
+    r, z : float64, shape (n_cells * 24,), dimensions force and length
+        In cluster layout; ``z`` is overwritten.
+    """
+    values, known = np.empty(24), np.empty(24)
     for cell in range(cells.shape[0]):
         for a in range(8):
             n = np.uint64(cells[cell, a])
@@ -68,8 +79,16 @@ def interpolate_to_points(cells, coarse, z):
                 value = splat(values[8 * d + a])
                 low = fma(value, load(_OF_CORNERS, 8 * a), low)
                 high = fma(value, load(_OF_CORNERS, 8 * a + W), high)
-            store(z, 24 * cell + W * d, low)
-            store(z, 24 * cell + 3 * W + W * d, high)
+            store(known, W * d, low)
+            store(known, 3 * W + W * d, high)
+        for p in range(8):
+            at = 3 * W * (p // W) + p % W
+            base = 24 * cell + at
+            x, y, w = r[base], r[base + W], r[base + 2 * W]
+            b = blocks[8 * cell + p]
+            z[base] = known[at] + omega * (b[0] * x + b[3] * y + b[5] * w)
+            z[base + W] = known[at + W] + omega * (b[3] * x + b[1] * y + b[4] * w)
+            z[base + 2 * W] = known[at + 2 * W] + omega * (b[5] * x + b[4] * y + b[2] * w)
 
 
 @njit(**_options)
@@ -112,27 +131,22 @@ def interpolate(corners, weights, coarse, z):
 
 
 @njit(**_options)
-def add_block_products(clusters, blocks, omega, r, z):
-    """``z += omega B r`` with a symmetric 3x3 block for each triple.
+def add_block_products(blocks, omega, r, z):
+    """``z += omega B r`` with a symmetric 3x3 block for each node.
 
     Parameters
     ----------
-    clusters : bool
-        Layout of ``r`` and ``z``.
-    blocks : float64, shape (n_triples, 6), dimension length / force
+    blocks : float64, shape (n_nodes, 6), dimension length / force
         Entries xx, yy, zz, xy, yz, zx.
     omega : float
-    r, z : float64, shape (n_triples * 3,), dimensions force and length
+    r, z : float64, shape (n_nodes * 3,), dimensions force and length
     """
     for t in range(blocks.shape[0]):
-        base, s = (3 * W * (t // W) + t % W, W) if clusters else (3 * t, 1)
-        x = r[base]
-        y = r[base + s]
-        w = r[base + 2 * s]
+        x, y, w = r[3 * t], r[3 * t + 1], r[3 * t + 2]
         b = blocks[t]
-        z[base] += omega * (b[0] * x + b[3] * y + b[5] * w)
-        z[base + s] += omega * (b[3] * x + b[1] * y + b[4] * w)
-        z[base + 2 * s] += omega * (b[5] * x + b[4] * y + b[2] * w)
+        z[3 * t] += omega * (b[0] * x + b[3] * y + b[5] * w)
+        z[3 * t + 1] += omega * (b[3] * x + b[1] * y + b[4] * w)
+        z[3 * t + 2] += omega * (b[5] * x + b[4] * y + b[2] * w)
 
 
 @njit(**_options)
@@ -191,10 +205,10 @@ _cells = types.int32[:, ::1]
 _map = (_cells, _table)
 SIGNATURES = {
     restrict_points: types.void(_cells, _f8, types.float64, types.int64[:, ::1]),
-    interpolate_to_points: types.void(_cells, _table, _f8),
+    correct_points: types.void(_cells, _table, _table, types.float64, _f8, _f8),
     restrict: types.void(*_map, _f8, types.float64, types.int64[:, ::1]),
     interpolate: types.void(*_map, _table, _f8),
-    add_block_products: types.void(types.boolean, _table, types.float64, _f8, _f8),
+    add_block_products: types.void(_table, types.float64, _f8, _f8),
     add_point_blocks: types.void(
         _i8, types.uint32[::1], types.float32[::1], _f8, _i8, types.float64, types.boolean, types.boolean
     ),

@@ -38,22 +38,32 @@ def complete_z(first, last, x, S):
 
 
 @njit(**_options)
-def reset_forces(SI, excess, pattern_bits):
-    """Start the integer forces so that after the sweeps they are multiples of the quantum.
+def start_evaluation(u, x, S, SI, finite, excess, pattern_bits):
+    """`load_displacements` of free clusters, and start the forces of all so that they become multiples of the quantum.
 
     A row adds ``bits(M)`` four times to its point and takes it once from each point of its cluster; the start value
-    takes these patterns back.
+    takes these patterns back. One pass: what the two write of a cluster stands side by side in memory.
 
     Parameters
     ----------
+    u : float64, shape (n_free_clusters * 12,), dimension length
+    x, S, finite
+        As of `load_displacements`.
     SI : int64, shape (n_clusters * 36,)
-        Rows 6-8 are overwritten.
+        The table as integers; rows 6-8 are overwritten.
     excess : int64, shape (n_clusters * 4,)
         Patterns added minus patterns taken, by point.
     pattern_bits : int
         ``bits(M)``.
     """
+    two = splat(2.0)
     for c in range(excess.size // W):
+        if 12 * c < u.size:
+            for k in range(0, 3 * W, W):
+                v = load(u, 12 * c + k)
+                store(S, 36 * c + k, v)
+                if finite:
+                    store(S, 36 * c + 12 + k, two * load(x, 12 * c + k) + v)
         for k in range(W):
             start = np.int64(-excess[W * c + k]) * pattern_bits
             SI[36 * c + 6 * W + k] = start
@@ -81,6 +91,6 @@ _f8, _i8, _int = types.float64[::1], types.int64[::1], types.int64
 SIGNATURES = {
     load_displacements: types.void(_f8, _f8, _f8, _int, types.boolean),
     complete_z: types.void(_int, _int, _f8, _f8),
-    reset_forces: types.void(_i8, _i8, _int),
+    start_evaluation: types.void(_f8, _f8, _f8, _i8, types.boolean, _i8, _int),
     read_forces: types.void(_i8, types.float64, _f8, _f8),
 }

@@ -97,11 +97,10 @@ class BondForces:
 
     def start(self, u: np.ndarray, bound: float) -> float:
         """Take the displacements of the free points, in cluster layout, and clear the forces; the quantum of these."""
-        points, flat = self.points, self.S.reshape(-1)
         self.quantum, self.pattern = pattern_for(self.force_bound(bound))
         self.series = self.series if self.tangent else self.bonds.finite and bound <= bond_response.SERIES_LIMIT
-        point_table.load_displacements(u, points.x, flat, 2 * points.n_free, self._has_z)
-        point_table.reset_forces(self.SI.reshape(-1), self.excess, integer_bits(self.pattern))
+        table = self.points.x, self.S.reshape(-1), self.SI.reshape(-1)
+        point_table.start_evaluation(u, *table, self._has_z, self.excess, integer_bits(self.pattern))
         return self.quantum
 
     def complete_overlap(self) -> None:

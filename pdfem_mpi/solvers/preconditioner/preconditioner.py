@@ -16,7 +16,7 @@ import numpy as np
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.finite_elements.nodes import local_nodes
 from pdfem_mpi.kernels import cycle_steps
-from pdfem_mpi.kernels.multigrid import add_block_products, interpolate_to_points, restrict_points
+from pdfem_mpi.kernels.multigrid import correct_points, restrict_points
 from pdfem_mpi.kernels.node_table import add_rounded_rows
 from pdfem_mpi.kernels.rounding import pattern_for
 from pdfem_mpi.model.bounds import COARSE, Bounds, power_above
@@ -109,9 +109,8 @@ class Preconditioner:
         correction = np.zeros((len(nodes.number), 3))
         self._cycle(sums, quantum, scale, correction)
         nodes.halo.scatter_forward(correction)
-        interpolate_to_points(self.cells, correction, unknowns.of_points(z))
-        n = unknowns.n_points
-        add_block_products(True, self.blocks[:n], OMEGA, unknowns.of_points(r), unknowns.of_points(z))
+        n, of_points = unknowns.n_points, (unknowns.of_points(vector) for vector in (r, z))
+        correct_points(self.cells, correction, self.blocks[:n], OMEGA, *of_points)
         of_nodes = (unknowns.of_nodes(vector) for vector in (r, z))
         cycle_steps.correct_nodes(self.own_nodes, correction, self.blocks[n:], OMEGA, *of_nodes)
         tie(self.model, z)

@@ -45,7 +45,7 @@ def damping(forces: Forces, blocks: np.ndarray, fixed: np.ndarray) -> float:
         np.negative(force, out=force)
         force[fixed] = 0.0
         step[:] = 0.0
-        add_block_products(False, blocks, 1.0, force, step)
+        add_block_products(blocks, 1.0, force, step)
         work, growth, square = exact_dots(forces.model.comm, [(x, force), (step, force), (step, step)])
         if not work > 0.0 or not square > 0.0:
             return PRODUCT  # nothing moves

@@ -13,13 +13,13 @@ from pdfem_mpi.kernels import (
     bond_response,
     bond_sweeps,
     dilatation_sweeps,
-    point_table,
     volumetric_sweeps,
 )
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.peridynamics.rows import Rows
 from support.helpers import run_python
+from support.point_table import reset_forces
 
 AVX512 = "+avx2,+fma,+avx512f,+avx512dq,+avx512vl"
 HOST = binding.get_host_cpu_name()
@@ -71,7 +71,7 @@ def outcome(share, u, name, rows, limit, bound, keep):
     _, pattern = pattern_for(bound)
     S = table_of(share, u)
     SI = S.view(np.int64).reshape(-1)
-    point_table.reset_forces(SI, share.bonds.added - share.bonds.taken, integer_bits(pattern))
+    reset_forces(SI, share.bonds.added - share.bonds.taken, integer_bits(pattern))
     extremes, one_class = np.zeros(2), np.zeros(share.points.n_clusters, np.uint8)
     pairs, strengths = np.zeros((20000, 2), np.int64), np.zeros((20000, 2), np.float32)
     counter, found = np.zeros(1, np.int64), []

@@ -8,6 +8,7 @@ from pdfem_mpi.kernels import bond_failure, bond_response, bond_sweeps, point_ta
 from pdfem_mpi.kernels.exact_sums import SIZE, value
 from pdfem_mpi.kernels.multigrid import add_point_blocks
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
+from support.point_table import reset_forces
 
 ROUND_OFF = 1e-11  # relative: a few operations in float64 on differences of displacements, which cancel a little
 STRAIN = 2e-3
@@ -16,6 +17,7 @@ KINEMATICS = pytest.mark.parametrize("finite", [False, True], ids=["linear", "fi
 SIZES = pytest.mark.parametrize(
     "cells", [pytest.param(SMALL, marks=pytest.mark.nojit), (4, 3, 2)], ids=["tiny", "small"]
 )
+
 AMPLITUDE, SEED = 0.1, 7
 SINGLE = 2.0**-23  # relative: twice the rounding of a stored number; finite rows store 1 / r0^2 so
 
@@ -173,7 +175,7 @@ def test_energy_is_what_the_forces_do_work_against(finite):
     for t in (0.0, 0.25, 0.5, 0.75, 1.0):
         S = table_of(share, t * u)
         SI = S.view(np.int64)
-        point_table.reset_forces(SI, share.bonds.added - share.bonds.taken, integer_bits(pattern))
+        reset_forces(SI, share.bonds.added - share.bonds.taken, integer_bits(pattern))
         rows = share.bonds.interior
         nothing = np.empty(0, np.uint8), np.empty(0), np.empty((0, 0)), *records(0), np.zeros(1, np.int64)
         table = bond_response.constants(pattern)
@@ -241,7 +243,7 @@ def blocks(share, pattern):
         S = np.zeros((share.points.n_clusters, 9, W))
         S[:, 3:6] = share.points.x.reshape(-1, 3, W)
         SI = S.view(np.int64).reshape(-1)
-        point_table.reset_forces(SI, share.bonds.added + share.bonds.taken, integer_bits(pattern))
+        reset_forces(SI, share.bonds.added + share.bonds.taken, integer_bits(pattern))
         rows = share.bonds.interior
         add_point_blocks(*rows.arrays, S.reshape(-1), SI, pattern, share.bonds.finite, mixed)
         halves.append(S.view(np.int64)[:, 6:9])

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from unit.kernels.bodies import W, add_at, body, layout, part, parts, stored_bonds, strengths, table_rows
 
-from pdfem_mpi.kernels import correction_sweeps, point_table
+from pdfem_mpi.kernels import correction_sweeps
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
+from support.point_table import reset_forces
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow")  # numpy's integers warn as they wrap
 
@@ -30,7 +31,7 @@ def responses(shares, factor, bound, virial=False):
         T[:, 0:3] = layout(factor[share.point]).reshape(-1, 3, W)
         T[:, 3:6] = share.points.x.reshape(-1, 3, W)
         TI = T.view(np.int64).reshape(-1)
-        point_table.reset_forces(TI, share.bonds.added + share.bonds.taken, integer_bits(pattern))
+        reset_forces(TI, share.bonds.added + share.bonds.taken, integer_bits(pattern))
         for rows in share.bonds.rows:
             correction_sweeps.add_responses(*rows.arrays, T.reshape(-1), TI, pattern, share.bonds.finite, virial)
         np.add.at(total, share.point, table_rows(T.view(np.int64), 6))

@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.kernels.hex8 import gauss_positions
-from pdfem_mpi.kernels.multigrid import interpolate_to_points, restrict_points
+from pdfem_mpi.kernels.multigrid import correct_points, restrict_points
 from pdfem_mpi.mesh import generators
 from pdfem_mpi.peridynamics.clusters import cluster_layout
 
 QUANTUM = 2.0**-40
+
+
+def interpolate_to_points(cells, coarse, z):
+    """``z = T coarse``: correct points without residuals."""
+    correct_points(cells, coarse, np.ones((8 * len(cells), 6)), 0.5, np.zeros_like(z), z)
 
 
 @pytest.fixture
@@ -51,3 +56,18 @@ def test_the_order_of_cells_does_not_change_a_bit(mesh):
     restrict_points(cells, r.reshape(-1), QUANTUM, sums[0])
     restrict_points(np.ascontiguousarray(cells[order]), np.ascontiguousarray(r[order]).reshape(-1), QUANTUM, sums[1])
     np.testing.assert_array_equal(sums[0], sums[1])
+
+
+@pytest.mark.nojit
+def test_blocks_are_added_to_what_is_interpolated(mesh):
+    """``omega B r`` of each point, with the entries xx, yy, zz, xy, yz, zx of its symmetric block."""
+    nodes, cells = mesh
+    rng = np.random.default_rng(5)
+    blocks, r = rng.normal(size=(8 * len(cells), 6)), rng.normal(size=(len(cells), 8, 3))
+    z, interpolated = np.full((2, r.size), np.nan)
+    matrices = blocks[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2]]].reshape(len(cells), 8, 3, 3)
+    coarse = rng.normal(size=nodes.shape)
+    correct_points(cells, coarse, blocks, 0.75, cluster_layout(r), z)
+    interpolate_to_points(cells, coarse, interpolated)
+    products = cluster_layout(np.einsum("cpij,cpj->cpi", matrices, r))
+    np.testing.assert_allclose(z - interpolated, 0.75 * products, rtol=0, atol=1e-14)

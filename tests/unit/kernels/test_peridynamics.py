@@ -23,6 +23,7 @@ from pdfem_mpi.kernels.bond_response import SERIES_LIMIT, SMALLEST_SQUARE
 from pdfem_mpi.kernels.rounding import integer_bits, pattern_for
 from pdfem_mpi.peridynamics.critical_stretches import UNBREAKABLE
 from pdfem_mpi.peridynamics.rows import Rows
+from support.point_table import reset_forces
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow")  # numpy's integers warn as they wrap
 
@@ -110,7 +111,7 @@ class Swept:
         for share in shares:
             S = table_of(share, u)
             SI = S.view(np.int64).reshape(-1)
-            point_table.reset_forces(SI, share.bonds.added - share.bonds.taken, integer_bits(pattern))
+            reset_forces(SI, share.bonds.added - share.bonds.taken, integer_bits(pattern))
             for rows in share.bonds.rows:
                 n = len(rows.start) - 1
                 for first, last in ((0, n // 3), (n // 3, n)):
@@ -568,7 +569,7 @@ def test_sweeps_add_to_forces(name):
     _, pattern = pattern_for(1.0)
     S = table_of(share, u)
     SI = S.view(np.int64).reshape(-1)
-    point_table.reset_forces(SI, 2 * (share.bonds.added - share.bonds.taken), integer_bits(pattern))
+    reset_forces(SI, 2 * (share.bonds.added - share.bonds.taken), integer_bits(pattern))
     rows = share.bonds.interior
     table = bond_response.constants(pattern)
     for _ in range(2):
@@ -607,15 +608,22 @@ def test_complete_z():
 
 
 @pytest.mark.nojit
-def test_reset_forces():
-    """Minus the patterns to come, wrapped to 64 bits, in rows 6-8 of every cluster."""
-    excess = np.array([0, 4, -8, 2000, 1, 2, 3, -4])
+@pytest.mark.parametrize("finite", [True, False])
+def test_start_evaluation(finite):
+    """Displacements of the free clusters; minus the patterns to come, wrapped to 64 bits, in rows 6-8 of every one."""
+    rng = np.random.default_rng(14)
+    x, u = rng.normal(size=(3, 3, W)), rng.normal(size=(2, 3, W))
+    excess = np.array([0, 4, -8, 2000, 1, 2, 3, -4, 7, 0, 0, 1])
     pattern = integer_bits(1.5 * 2.0**20)
-    SI = np.full((2, 9, W), 5)
-    point_table.reset_forces(SI.reshape(-1), excess, pattern)
+    S = np.full((3, 9, W), 7.0)
+    expected = S.copy()
+    point_table.load_displacements(u.reshape(-1), x.reshape(-1), expected.reshape(-1), 2, finite)
+    SI = S.view(np.int64)
+    tables = x.reshape(-1), S.reshape(-1), SI.reshape(-1)
+    point_table.start_evaluation(u.reshape(-1), *tables, finite, excess, pattern)
     wrapped = [(-int(n) * pattern + 2**63) % 2**64 - 2**63 for n in excess]
-    assert (SI[:, 6:9] == np.array(wrapped).reshape(2, 1, W)).all()
-    assert (SI[:, :6] == 5).all()
+    assert (SI[:, 6:9] == np.array(wrapped).reshape(3, 1, W)).all()
+    assert (S[:, :6] == expected[:, :6]).all()
 
 
 @pytest.mark.nojit
@@ -642,7 +650,7 @@ def densities(shares, bound):
         S[:, 3:6] = share.points.x.reshape(-1, 3, W)
         terms = share.bonds.added + share.bonds.taken
         SI = S.view(np.int64).reshape(-1)
-        point_table.reset_forces(SI, terms, integer_bits(pattern))
+        reset_forces(SI, terms, integer_bits(pattern))
         for rows in share.bonds.rows:
             bond_densities.add_densities(*rows.arrays, S.reshape(-1), SI, pattern, share.bonds.finite, bonds_alone)
         np.add.at(total, share.point, table_rows(S.view(np.int64), 6))

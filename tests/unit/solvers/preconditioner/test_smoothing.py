@@ -32,7 +32,7 @@ def largest_eigenvalue(preconditioner):
         x[unknown] = 1.0
         preconditioner.forces.evaluate_surely(x, np.zeros(n), force)
         force[preconditioner.fixed] = 0.0
-        add_block_products(False, preconditioner.cycle.blocks, 1.0, -force, step)
+        add_block_products(preconditioner.cycle.blocks, 1.0, -force, step)
         matrix[:, k] = step
     return float(np.abs(np.linalg.eigvals(matrix[free])).max())
 
