@@ -26,6 +26,8 @@ SHAPE_TOLERANCE = 1e-9
 MOST_SHAPES = 4
 #: Elements whose stiffness matrices are formed together at set-up: few enough for the second cache.
 BATCH = 64
+#: Cells that are compared with a shape together.
+COMPARED = 2**14
 
 
 @dataclass(frozen=True)
@@ -125,28 +127,28 @@ def _shapes(share: Share) -> tuple[list[tuple[np.ndarray, float]], np.ndarray, b
     general : bool
         There are more shapes on some rank.
     """
-    comm = share.comm
-    cells = np.sort(share.subdomain.elements)
-    corners = share.nodes[share.mesh.cells[cells]]
-    relative = corners[:, 1:] - corners[:, :1]
-    nu = share.poissons_ratio[cells]
+    comm, ratios = share.comm, share.poissons_ratio
     shape = np.full(len(share.has_stiffness), -1)
     shapes: list[tuple[np.ndarray, float]] = []
-    left = np.arange(len(cells))
+    left = np.sort(share.subdomain.elements)
     while True:
-        own = -int(share.mesh.cell_id[cells[left[0]]]) * comm.size - comm.rank if len(left) else -math.inf
+        own = -int(share.mesh.cell_id[left[0]]) * comm.size - comm.rank if len(left) else -math.inf
         lowest = -float(largest(comm, np.array([own], float))[0])
         if lowest == math.inf:
             return shapes, shape, False
         if len(shapes) == MOST_SHAPES:
             return shapes, shape, True
         owner = int(lowest) % comm.size
-        found = (corners[left[0]], nu[left[0]]) if comm.rank == owner else None
+        found = (share.nodes[share.mesh.cells[left[0]]], ratios[left[0]]) if comm.rank == owner else None
         first, ratio = broadcast(comm, found, owner)
         shapes.append((first, ratio))
-        same = (np.abs(relative[left] - (first[1:] - first[:1])) <= SHAPE_TOLERANCE).all(axis=(1, 2))
-        same &= nu[left] == ratio
-        shape[cells[left[same]]] = len(shapes) - 1
+        same = ratios[left] == ratio
+        for start in range(0, len(left), COMPARED):
+            some = slice(start, start + COMPARED)
+            corners = share.nodes[share.mesh.cells[left[some]]]
+            offset = np.abs(corners[:, 1:] - corners[:, :1] - (first[1:] - first[:1]))
+            same[some] &= (offset <= SHAPE_TOLERANCE).all(axis=(1, 2))
+        shape[left[same]] = len(shapes) - 1
         left = left[~same]
 
 

@@ -84,6 +84,8 @@ def take_part(mesh: HexMesh, cells: np.ndarray) -> MeshPart:
     """
     measures = Measures(mesh.lower, mesh.upper, mesh.tolerance, mesh.smallest_edge, mesh.largest_edge)
     if cells.all():
-        return MeshPart(mesh.nodes, mesh.cells, measures=measures, cell_id=mesh.cell_id, node_id=mesh.node_id)
+        part = MeshPart(mesh.nodes, mesh.cells, measures=measures, cell_id=mesh.cell_id, node_id=mesh.node_id)
+        vars(part)["centroids"] = mesh.centroids  # cached, once for both
+        return part
     used, own = with_own_nodes(mesh.cells[cells], len(mesh.nodes))
     return MeshPart(mesh.nodes[used], own, measures=measures, cell_id=mesh.cell_id[cells], node_id=mesh.node_id[used])

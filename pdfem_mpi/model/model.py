@@ -52,7 +52,7 @@ class Model:
         What the scene has; the same parts on every rank, though a rank's share may be empty.
     mass : float64, shape (n_unknowns,), dimension force / length
         Fictitious masses (eqs 11, 22) of the unknowns: free points in cluster layout, then owned nodes. Empty where
-        the region of bonds is found.
+        the region of bonds is found, and in `build_intact_elements`.
     raised_masses : int
         Points of the whole body whose masses are above those of eq. (11), which do not bound its stiffness.
     correction_remaining : float
@@ -231,7 +231,7 @@ def with_stable_masses(model: Model) -> Model:
 def build_intact_elements(share: Share, model: Model) -> Model:
     """The same body with a finite element in every cell, on the same ranks. Collective.
 
-    Its stiffness is the local limit of the bonds: what coarse spaces are made of. Masses are left 0.
+    Its stiffness is the local limit of the bonds: what coarse spaces are made of. It has no masses.
     """
     intact = share.with_elements_everywhere()
     nodes = make_nodes(intact, model.comm)
@@ -244,7 +244,7 @@ def build_intact_elements(share: Share, model: Model) -> Model:
         nodes=nodes,
         elements=elements,
         overlap=None,
-        mass=np.zeros(3 * nodes.n_owned),
+        mass=np.empty(0),
         rollers=_rollers(intact, None, nodes),
         intact_weights=None,
         springs=model.springs and model.springs.on_nodes(intact.subdomain.owned_nodes, len(share.nodes)),

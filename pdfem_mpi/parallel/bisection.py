@@ -50,24 +50,27 @@ def bisect(positions: np.ndarray, weights: np.ndarray, n_parts: int) -> np.ndarr
     if not np.isfinite(positions).all() or (weights < 0).any():
         raise ValueError("bisect: positions must be finite and weights not negative.")
 
-    owner, on_left = np.zeros(len(weights), dtype=np.int32), np.zeros(len(weights), dtype=bool)
-    edge = mean_edge(len(positions), np.ptp(positions, axis=0) if len(positions) else np.zeros(3))
+    owner = np.zeros(len(weights), dtype=np.int32)
+    if n_parts == 1:
+        return owner
 
-    def divide(orders, first_part, n_parts):
-        """Give the cells of ``orders`` (the same cells, sorted along x, y and z) to ``n_parts`` parts."""
+    on_left = np.zeros(len(weights), dtype=bool)
+    edge = mean_edge(len(positions), np.ptp(positions, axis=0) if len(positions) else np.zeros(3))
+    # parts of the body that are still to be divided, without recursion: a function that calls itself stays, with all
+    # that it sees, until Python looks for garbage
+    undivided = [([np.argsort(positions[:, axis], kind="stable") for axis in range(3)], 0, n_parts)]
+    while undivided:
+        orders, first_part, n_parts = undivided.pop()  # the same cells, sorted along x, y and z
         if n_parts == 1 or len(orders[0]) == 0:
             owner[orders[0]] = first_part
-            return
+            continue
         n_left = n_parts // 2
         counts = [_balanced_cut(weights[order], n_left, n_parts) for order in orders]
         axis = _smallest_surface([positions[order, d] for d, order in enumerate(orders)], counts, edge)
         k = counts[axis]
         on_left[orders[axis]] = np.arange(len(orders[axis])) < k
         left, right = ([order[on_left[order] == side] for order in orders] for side in (True, False))
-        divide(left, first_part, n_left)
-        divide(right, first_part + n_left, n_parts - n_left)
-
-    divide([np.argsort(positions[:, axis], kind="stable") for axis in range(3)], 0, n_parts)
+        undivided += [(left, first_part, n_left), (right, first_part + n_left, n_parts - n_left)]
     return owner
 
 

@@ -92,6 +92,7 @@ class Assembly(Readings):
         self.known = {"evaluations": forces.evaluations, "swept": forces.swept, "seconds": forces.seconds}
         self.model = self.case = self.forces = self.failure = self.solver = None
         self.gauges = self.probe_reader = self.region_watch = None
+        del forces  # else the model stays until the pages were given back
         give_back()  # what the solver's loops took
 
     def weigh_stretches(self, setting: np.ndarray, breaking: np.ndarray) -> None:

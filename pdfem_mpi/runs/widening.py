@@ -6,7 +6,7 @@ is made, and is made again afterwards, as for a run that goes on from a checkpoi
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,9 +17,9 @@ from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.model.breaking import make_failure
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.model.loads import make_load_case
-from pdfem_mpi.model.model import build_model
+from pdfem_mpi.model.model import Model, build_model
 from pdfem_mpi.model.not_finite import NotFinite
-from pdfem_mpi.model.state import new_state
+from pdfem_mpi.model.state import State, new_state
 from pdfem_mpi.peridynamics.bonds import total_bonds
 from pdfem_mpi.peridynamics.clusters import cluster_layout
 from pdfem_mpi.runs.memory_estimate import check_model, fits_easily
@@ -30,7 +30,7 @@ from pdfem_mpi.solvers.convergence import Breakdown, NotConverged
 from pdfem_mpi.solvers.preconditioner.cycle import Cycle
 from pdfem_mpi.solvers.preconditioner.preconditioner import make_preconditioner
 from pdfem_mpi.stepping.report import reaction, support_resultants
-from pdfem_mpi.system.heap import APART_BESIDE_BONDS, large_arrays_apart, large_arrays_together
+from pdfem_mpi.system.heap import APART_BESIDE_BONDS, give_back, large_arrays_apart
 
 if TYPE_CHECKING:
     from pdfem_mpi.runs.simulation import Simulation
@@ -42,6 +42,8 @@ TOLERANCE = 1e-4
 #: From so many bonds on the narrow body goes first. To make it again takes as long as a switch; fewer bonds are small
 #: beside what the wider region takes.
 MANY_BONDS = 5_000_000
+
+_NOT_READ = np.empty(0)
 
 
 def goes_first(simulation: Simulation) -> bool:
@@ -105,21 +107,21 @@ def _wider_share(simulation: Simulation, alone: bool) -> Share | None:
     return share
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Carried:
     """What a wider body takes over from a narrow one.
 
     Attributes
     ----------
-    u_points, u_nodes : float64, shapes (n, 8, 3), (m, 3), dimension length
-        Displacements of its free points and its nodes.
+    u_points, u_nodes : float64, shapes (n, 8, 3), (m, 3), dimension length, or None
+        Displacements of its free points and its nodes; None once it has them.
     broken : int64, shape (k, 2 or 3)
         Broken bonds with an end on this rank.
     books : Books
     """
 
-    u_points: np.ndarray
-    u_nodes: np.ndarray
+    u_points: np.ndarray | None
+    u_nodes: np.ndarray | None
     broken: np.ndarray
     books: Books
 
@@ -139,16 +141,17 @@ class _Carried:
         scene, factor = simulation.scene, simulation.state.load_factor
         model = build_model(scene, share, simulation.comm, without=("intact_weights", "own_energy"))
         case, state = make_load_case(scene, share, model), new_state(model)
-        model.unknowns.of_points(state.u)[:] = cluster_layout(self.u_points)
-        model.unknowns.of_nodes(state.u)[:] = self.u_nodes
+        self._displace(model, state)
         case.displace(state.u, factor)
         forces, failure = Forces(model, state.bounds), make_failure(scene, share, model)
         preconditioner = make_preconditioner(share, model, case, state.bounds, kept)
         self.books.enter(model, failure, self.broken, preconditioner)
+        preconditioner.of_points = None  # no other bond breaks here
         external, most = case.forces(factor), scene.solver.max_evaluations
+        case = replace(case, external=external, prescribed=_NOT_READ)
+        give_back()  # what set-up took
         try:
-            with large_arrays_together():
-                cg.solve(forces, state, external, case.fixed, TOLERANCE, most, preconditioner)
+            cg.solve(forces, state, external, case.fixed, TOLERANCE, most, preconditioner)
         except (Breakdown, NotConverged, NotFinite):
             return None
         residual = np.empty_like(state.u)
@@ -156,6 +159,12 @@ class _Carried:
         ratio = forces.largest_ratio(failure)
         found = reaction(case, support_resultants(forces, case, residual), factor)
         return found / ratio if ratio > 0.0 else None
+
+    def _displace(self, model: Model, state: State) -> None:
+        """Give a state the displacements, which are not kept here."""
+        model.unknowns.of_points(state.u)[:] = cluster_layout(self.u_points)
+        model.unknowns.of_nodes(state.u)[:] = self.u_nodes
+        self.u_points = self.u_nodes = None
 
 
 @dataclass(frozen=True)
@@ -180,8 +189,8 @@ class _Narrow:
     @classmethod
     def let_go(cls, simulation: Simulation) -> _Narrow:
         """Let the body of a simulation go."""
-        failure, bounds = simulation.failure, asdict(simulation.state.bounds)
-        narrow = cls(simulation.share.found.turned, failure.broken_pairs(), Books.of(failure), bounds)
+        turned, bounds = simulation.share.found.turned, asdict(simulation.state.bounds)
+        narrow = cls(turned, simulation.failure.broken_pairs(), Books.of(simulation.failure), bounds)
         simulation.let_go(comes_back=True)
         return narrow
 

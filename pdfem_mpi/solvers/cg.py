@@ -84,7 +84,7 @@ def solve(
         with rise.guarded(u):
             balance.look(u, at_rest)
         norm, relative = balance.norm, balance.relative
-        watch(Progress(state.iteration, relative, 0.0, (sequence, *balance.arrays)))
+        watch(Progress(state.iteration, relative, 0.0, (sequence, balance.residual)))
         if relative <= tolerance and not at_rest:
             energy_error = sequence.relative_energy_error(balance.energy)
             return Convergence(forces.evaluations - start, relative, energy_error)
@@ -142,8 +142,8 @@ class _Balance:
 
     Attributes
     ----------
-    residual, internal, reaction : float64, shape (n_unknowns,), dimension force
-        At the last displacements looked at; the residual is 0 on fixed unknowns, the reaction on all others.
+    residual : float64, shape (n_unknowns,), dimension force
+        At the last displacements looked at; 0 on fixed unknowns.
     norm, before : float, dimension force
         Of the residual, and of the one looked at before.
     reference, relative : float
@@ -156,11 +156,6 @@ class _Balance:
         self.forces, self.external, self.fixed = forces, external, fixed
         self.residual = np.empty_like(external)
         self.norm, self._largest = math.inf, 0.0
-
-    @property
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """What it holds, for counting memory."""
-        return self.residual, self.internal, self.reaction
 
     def look(self, u: np.ndarray, at_rest: bool) -> None:
         """Evaluate the residual at ``u``; a body at rest has no internal forces, and nothing is evaluated. Collective.
@@ -175,10 +170,9 @@ class _Balance:
             residual[:] = external
         else:
             self.forces.evaluate_surely(u, external, residual)
-        self.internal = external - residual
-        self.reaction = np.where(self.fixed, residual, 0.0)
+        internal, reaction = external - residual, residual[self.fixed]
         residual[self.fixed] = 0.0
-        pairs = (residual, residual), (external, external), (self.reaction, self.reaction), (u, self.internal)
+        pairs = (residual, residual), (external, external), (reaction, reaction), (u, internal)
         square, load, held, self.energy = exact_dots(self.forces.model.comm, pairs)
         if not math.isfinite(square):
             raise NotFinite(describe_not_finite(self.forces.model, u, residual))
