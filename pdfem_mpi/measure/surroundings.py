@@ -43,12 +43,17 @@ class Surroundings:
         self._members = np.argsort(number, kind="stable")
         ends = np.searchsorted(number[self._members], np.arange(np.prod(shape) + 1))
         self._bins = np.stack([ends[:-1], ends[1:]], axis=1).reshape(*shape, 2)
-        self._around, self._more_around = np.empty(shape), np.empty(shape)
+        self._inside, self._more_inside, self._around, self._more_around = (np.empty(shape) for _ in range(4))
 
     @property
     def rows(self) -> tuple:
         """What the kernels take."""
         return self._bins, self._members, self._place, self._centre, self._reach**2
+
+    @property
+    def _tops(self) -> tuple[np.ndarray, ...]:
+        """Largest numbers of both kinds in each bin, and in it and those around it."""
+        return self._inside, self._more_inside, self._around, self._more_around
 
     def near_larger(self, number: np.ndarray, more: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Which of the first cells surround some whose largest numbers of both kinds add up to more than their limit.
@@ -64,9 +69,9 @@ class Surroundings:
             A cell surrounds itself.
         """
         chosen = np.empty(len(limit), bool)
-        raise_bins(self._bins, self._members, number, self._around)
-        raise_bins(self._bins, self._members, more, self._more_around)
-        near_larger(*self.rows, number, more, self._around, self._more_around, limit, chosen)
+        raise_bins(self._bins, self._members, number, self._inside, self._around)
+        raise_bins(self._bins, self._members, more, self._more_inside, self._more_around)
+        near_larger(*self.rows, number, more, *self._tops, limit, chosen)
         return np.flatnonzero(chosen)
 
     def largest_rise(self, number: np.ndarray, more: np.ndarray, steepest: np.ndarray) -> np.ndarray:
@@ -86,7 +91,7 @@ class Surroundings:
         largest, counts = np.empty(len(steepest)), steepest > 0.0
         enough = np.full(len(steepest), np.inf)
         enough[counts] = SMALL_RISE / steepest[counts]
-        largest_near(*self.rows, number, more, self._around, self._more_around, enough, largest)
+        largest_near(*self.rows, number, more, *self._tops, enough, largest)
         return steepest * np.where(counts, largest, 0.0)
 
     def marked(self, cells: np.ndarray) -> np.ndarray:

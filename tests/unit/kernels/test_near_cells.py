@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pdfem_mpi.kernels.near_cells import mark_around, near_larger, raise_bins
+from pdfem_mpi.kernels.near_cells import largest_near, mark_around, near_larger, raise_bins
 
 
 def test_cells_near_larger_ones_and_those_around_are_found():
@@ -16,13 +16,18 @@ def test_cells_near_larger_ones_and_those_around_are_found():
     ends = np.searchsorted(number[members], np.arange(np.prod(shape) + 1))
     bins = np.stack([ends[:-1], ends[1:]], axis=1).reshape(*shape, 2)
     value, more = random.uniform(size=300), 0.1 * random.uniform(size=300)
-    limit, around, more_around = random.uniform(1.0, 1.1, size=100), np.empty(shape), np.empty(shape)
+    limit, (inside, more_inside, around, more_around) = random.uniform(1.0, 1.1, size=100), np.empty((4, *shape))
+    tops = inside, more_inside, around, more_around
     chosen, marked = np.empty(100, bool), np.zeros(300, bool)
-    raise_bins(bins, members, value, around)
-    raise_bins(bins, members, more, more_around)
-    near_larger(bins, members, place, centre, reach**2, value, more, around, more_around, limit, chosen)
+    raise_bins(bins, members, value, inside, around)
+    raise_bins(bins, members, more, more_inside, more_around)
+    near_larger(bins, members, place, centre, reach**2, value, more, *tops, limit, chosen)
     near = ((centre[:100, None] - centre) ** 2).sum(axis=2) <= reach**2
-    np.testing.assert_array_equal(chosen, (near * value).max(axis=1) + (near * more).max(axis=1) > limit)
+    sums = (near * value).max(axis=1) + (near * more).max(axis=1)
+    np.testing.assert_array_equal(chosen, sums > limit)
+    found = np.empty(100)
+    largest_near(bins, members, place, centre, reach**2, value, more, *tops, np.zeros(100), found)
+    np.testing.assert_array_equal(found, sums)
     assert 0 < np.count_nonzero(chosen) < 100
     cells = np.array([3, 50, 299])
     mark_around(bins, members, place, centre, reach**2, cells, marked)
