@@ -133,26 +133,27 @@ def check_auto_settings(
     """What does not go with a region that is found: each by its name, with what to do."""
     if not _has_auto(regions):
         return []
+    times = getattr(stepping, "times", None)
     wrong = [
         (peridynamics.surface_correction == "fitted", "peridynamics.surface_correction", '= "fitted"',
-         "would be fitted anew at every switch", 'Use "virial"'),
+         "it would be fitted anew at every switch", 'Use "virial"'),
         (coupling.kind != "paper", "coupling.kind", f"= {show(coupling.kind)}",
-         "is wrong by per cents around a small region", 'Use "paper"'),
+         "it is wrong by per cents around a small region", 'Use "paper"'),
         (peridynamics.kinematics != "linear", "peridynamics.kinematics",
          '= "finite"' if peridynamics.kinematics else 'is "finite" where it is not given, and that',
-         "has no criterion for what breaks next", 'Set it to "linear"'),
-        (stepping.kind == "ramp", "stepping.kind", '= "ramp"', "has velocities, which no element knows of",
+         "it has no criterion for what breaks next", 'Set it to "linear"'),
+        (stepping.kind == "ramp", "stepping.kind", '= "ramp"', "it has velocities, which no element knows of",
          'Use "events" or "steps"'),
-        (getattr(stepping, "times", None) is not None, "stepping.times", "are given",
-         "and a region that was found on the way there is not looked for on the way back", "Remove them"),
-        (solver.kind != "cg", "solver.kind", f"= {show(solver.kind)}", "cannot begin from an interpolated field",
+        (times is not None, "stepping.times", f"= {show(times)}",
+         "a region that was found on the way there is not looked for on the way back", "Remove them"),
+        (solver.kind != "cg", "solver.kind", f"= {show(solver.kind)}", "it cannot begin from an interpolated field",
          'Use "cg"'),
         (getattr(mesh, "doubled_nodes", "refuse") != "refuse", "mesh.doubled_nodes", '= "crack"',
-         "is a crack that the displacements of elements jump at", "Use [[cracks]]"),
-        (temperature is not None, "temperature", "is given", "and bonds that break have none", "Remove it"),
+         "it is a crack that the displacements of elements jump at", "Use [[cracks]]"),
+        (temperature is not None, "temperature", "", "bonds that break have no thermal strain", "Remove it"),
     ]  # fmt: skip
     return [
-        Problem(where, f'{value} does not go with regions of model = "auto": it {why}. {remedy}.')
+        Problem(where, f'{value} does not go with regions of model = "auto": {why}. {remedy}.'.lstrip())
         for is_wrong, where, value, why, remedy in wrong
         if is_wrong
     ]

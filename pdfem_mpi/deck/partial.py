@@ -110,6 +110,8 @@ def walk(loc: Sequence[int | str], data: dict[str, Any]) -> Place:
             path.append(part)
             value = value.get(part, MISSING) if isinstance(value, dict) else MISSING
             annotation = get_args(annotation)[1]
+        elif not models and get_origin(unwrap(annotation)) in (types.UnionType, Union):
+            continue  # one of several plain types
         else:
             path.append(part)
             value = value.get(part, MISSING) if isinstance(value, dict) else MISSING

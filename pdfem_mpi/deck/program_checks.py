@@ -34,6 +34,8 @@ def check_failure(
         ]
         return problems or _needs_failure(stepping, "finite elements do not break. Describe a region by peridynamics.")
     bonded = [region for region in regions if can_have_bonds(region)]
+    if not bonded:  # all are always elements, which the check of automatic regions refuses
+        return []
     breakable = any(tables[region.material][1].can_fail for region in bonded if region.material in tables)
     if not breakable and not any(interface.can_fail for interface in interfaces):
         return _needs_failure(

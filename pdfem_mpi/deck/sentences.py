@@ -91,7 +91,7 @@ def _sentence(item: Any, data: dict[str, Any]) -> Problem:
         return Problem(f"{place.path}.kind", f"= {show(given)} is unknown. Give {choices}.{did_you_mean(given, kinds)}")
     if kind in ("model_type", "model_attributes_type", "tuple_type", "dict_type") and models_of(place.annotation):
         return Problem(place.path, _table_or_list(place, equals))
-    if kind == "literal_error":
+    if kind == "literal_error" and get_origin(unwrap(place.annotation)) is Literal:
         near = did_you_mean(place.value, [str(choice) for choice in get_args(unwrap(place.annotation))])
         return Problem(place.path, f"{equals} is not among the choices. Use {expected}.{near}")
     if kind == "finite_number":

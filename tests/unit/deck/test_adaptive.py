@@ -52,7 +52,8 @@ def test_auto_is_one_region_and_a_table():
         ("coupling.kind=paper_a", 'coupling.kind = "paper_a" does not go with'),
         ("peridynamics.kinematics=finite", 'peridynamics.kinematics = "finite" does not go with'),
         ("material.poissons_ratio=0.3", "material.poissons_ratio = 0.3 is not 0.25"),
-        ('adaptive.widening_check="end"', "adaptive.widening_check"),
+        ('adaptive.widening_check="end"', 'adaptive.widening_check = "end" is not true or false or "peak". Use'),
+        ("temperature.change=10.0", 'temperature does not go with regions of model = "auto": bonds that break have no'),
         ("adaptive.growth=1.2", "adaptive.growth = 1.2 is not above reach = 1.5"),
         ("adaptive.threshold=3.0", "adaptive.threshold = 3"),
         ("adaptive.pilot_distance=3.0", "adaptive.pilot_distance = 3"),
@@ -78,6 +79,17 @@ def test_bonds_that_soften_may_be_found():
 def test_ties_of_an_automatic_region_are_refused():
     text = SOUND + '[[ties]]\nregion = "body"\nalong = ["x"]\n'
     assert 'ties.0.region = "body" has model = "auto"' in refused(text=text)
+
+
+def test_times_are_refused():
+    said = refused("stepping.kind=steps", "stepping.load_factors=[0.5, 1.0]", "stepping.times=[1.0, 2.0]")
+    assert 'stepping.times = [1.0, 2.0] does not go with regions of model = "auto": a region that was found' in said
+
+
+def test_regions_that_are_always_elements_are_refused_in_one_sentence():
+    more = '[[regions]]\nname = "a"\nmodel = "auto"\nalways_elements = true\n'
+    said = refused(text=SOUND.replace('regions = "auto"\n', "") + more)
+    assert said == 'deck: regions leave no cell to "auto": all are always elements. Leave some.'
 
 
 def test_ramps_are_refused():

@@ -43,7 +43,7 @@ def test_the_error_of_the_peak_is_estimated():
     assert program["error_of_peak"] == pytest.approx(max(loads) / max(wanted) - 1.0, abs=0.005)
 
 
-@pytest.mark.parametrize("wanted", [True, "peak"])
+@pytest.mark.parametrize("wanted", [True, pytest.param("peak", marks=pytest.mark.slow)])
 def test_a_narrow_body_that_goes_first_changes_nothing(monkeypatch, tmp_path, wanted):
     """Rows, frames, checkpoints and the error are those of a run that holds both; also stopped again and again."""
     scene = plate(adaptive={"widening_check": wanted}, stepping=FEW)
