@@ -50,14 +50,15 @@ def bisect(positions: np.ndarray, weights: np.ndarray, n_parts: int) -> np.ndarr
     if not np.isfinite(positions).all() or (weights < 0).any():
         raise ValueError("bisect: positions must be finite and weights not negative.")
 
-    owner = np.zeros(len(weights), dtype=np.int32)
     if n_parts == 1:
-        return owner
+        return np.zeros(len(weights), np.int32)
+    return _divided(positions, weights, n_parts)
 
-    on_left = np.zeros(len(weights), dtype=bool)
+
+def _divided(positions: np.ndarray, weights: np.ndarray, n_parts: int) -> np.ndarray:
+    """`bisect`, of sound arrays. No function that calls itself: one stays, with all it sees, until garbage is found."""
+    owner, on_left = np.zeros(len(weights), np.int32), np.zeros(len(weights), bool)
     edge = mean_edge(len(positions), np.ptp(positions, axis=0) if len(positions) else np.zeros(3))
-    # parts of the body that are still to be divided, without recursion: a function that calls itself stays, with all
-    # that it sees, until Python looks for garbage
     undivided = [([np.argsort(positions[:, axis], kind="stable") for axis in range(3)], 0, n_parts)]
     while undivided:
         orders, first_part, n_parts = undivided.pop()  # the same cells, sorted along x, y and z
