@@ -1,6 +1,8 @@
 """Ownership of cells: balance, small dividing surfaces, and the same answer for everyone (no MPI)."""
 
+import gc
 import time
+import weakref
 
 import numpy as np
 import pytest
@@ -176,3 +178,16 @@ def test_forty_thousand_cells_in_sixteen_parts_take_no_time():
 def test_wrong_input_is_refused(positions, weights, n_parts):
     with pytest.raises(ValueError, match="bisect"):
         bisect(positions, weights, n_parts)
+
+
+def test_nothing_of_the_body_stays():
+    """Not even until Python looks for garbage."""
+    positions = grid(4, 4, 4).copy()
+    held = weakref.ref(positions)
+    gc.disable()
+    try:
+        bisect(positions, np.ones(64, np.int64), 3)
+        del positions
+        assert held() is None
+    finally:
+        gc.enable()

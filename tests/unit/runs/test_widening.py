@@ -8,7 +8,7 @@ import pytest
 from pdfem_mpi import Simulation
 from pdfem_mpi.deck.programs import Events
 from pdfem_mpi.parallel.comm import mpi
-from pdfem_mpi.runs import widening
+from pdfem_mpi.runs import assembly, widening
 from support.adaptive import DRAWN, FAST, plate, rows_of
 from support.restarts import StopAt, alone, differing, outcome
 
@@ -87,3 +87,13 @@ def test_two_bodies_are_never_there_at_once(monkeypatch):
         if len(alive) >= 2:
             break
     assert alive == [[False, False], [False]]
+
+
+def test_pages_are_given_back_once_the_model_is_gone(monkeypatch):
+    """Those of the bonds are the most of them."""
+    simulation, alive = Simulation(plate(), mpi().COMM_SELF), []
+    simulation.prepare_solver()
+    held = weakref.ref(simulation.model)
+    monkeypatch.setattr(assembly, "give_back", lambda: alive.append(held() is not None))
+    simulation.let_go()
+    assert alive == [False]
