@@ -44,7 +44,7 @@ WEIGHT_BYTES = 32
 MOTION_BYTES, KEPT_BYTES = 330, 130
 #: Blocks, corners, weights and vectors of conjugate gradients, for a point; its intact model, for a cell; rows of the
 #: rank's part of the coarse grid, for a node of it.
-GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES, GRID_NODE_BYTES = 320, 700, 6_000
+GRADIENT_POINT_BYTES, GRADIENT_CELL_BYTES, GRID_NODE_BYTES = 272, 676, 6_000
 #: What rank 0 makes of the last grid: moments of a cell; a number of its matrix, 81 a row, with half of them as entries
 #: of the band; a number of the band; and of the columns of the band that are in double precision at a time.
 MOMENT_BYTES, ENTRY_BYTES, BAND_BYTES, WINDOW_BYTES = 2_600, 30, 4, 8
@@ -53,7 +53,7 @@ MOMENT_BYTES, ENTRY_BYTES, BAND_BYTES, WINDOW_BYTES = 2_600, 30, 4, 8
 SLAB_CELL_BYTES = 4 * 8 * 24
 #: What a run takes whatever its body is: Python's objects, and the files that are written. Measured on bodies of eight
 #: cells a rank: on one rank; more on several, for their messages; and for each other rank that one exchanges with.
-OBJECT_BYTES, MESSAGE_BYTES, NEIGHBOUR_BYTES = 1.5 * 2**20, 0.2 * 2**20, 0.02 * 2**20
+OBJECT_BYTES, MESSAGE_BYTES, NEIGHBOUR_BYTES = 1.1 * 2**20, 0.2 * 2**20, 0.02 * 2**20
 #: Table, vectors, blocks and multipliers of a point while bond factors are fitted.
 FIT_POINT_BYTES = 1700
 #: Matrix and factors of the fit's grid on every rank, for a cell with points, and at most.
