@@ -51,7 +51,7 @@ MOMENT_BYTES, ENTRY_BYTES, BAND_BYTES, WINDOW_BYTES = 2_600, 30, 4, 8
 #: Rank 0 gathers fields a slab of cells at a time, for their digest and for checkpoints: rows as they come, in order,
 #: and two of the writer's.
 SLAB_CELL_BYTES = 4 * 8 * 24
-#: What a run takes whatever its body is: Python's objects, and the files that are written. Measured on bodies of eight
+#: What a run takes whatever its body is: Python's objects, and the files that are written. Fitted to cubes of 216
 #: cells a rank: on one rank; more on several, for their messages; and for each other rank that one exchanges with.
 OBJECT_BYTES, MESSAGE_BYTES, NEIGHBOUR_BYTES = 1.1 * 2**20, 0.2 * 2**20, 0.02 * 2**20
 #: Table, vectors, blocks and multipliers of a point while bond factors are fitted.
