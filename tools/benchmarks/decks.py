@@ -20,6 +20,7 @@ COARSE = {
     "plate_cutout_ramp": ("mesh.spacing=0.1", "stepping.increment=1e-3", "stepping.end_load_factor=0.5",
                           "stepping.report_every=100", "checkpoint.iterations=250", "output.damage=false"),
     "plate_cutout": ("mesh.spacing=0.1", "checkpoint.steps=10", "output.damage=false"),
+    "plate_adaptive": ("mesh.spacing=0.1", "output.damage=false"),
     "double_cantilever": ("mesh.lower.2=-0.1", "mesh.upper.2=0.1", "stepping.eta=0.1", "stepping.end_reaction=0.7",
                           "checkpoint.steps=5"),
     "plate_centre_crack": ("mesh.lower.2=-0.1", "mesh.upper.2=0.1", "stepping.eta=0.1", "stepping.end_reaction=0.7",
@@ -33,7 +34,7 @@ HALVED = ("mesh.spacing=0.1",)
 #: These fail along the way, so there are checkpoints to continue from.
 STOPPED = ("plate_cutout", "plate_cutout_ramp", "double_cantilever", "plate_centre_crack")
 #: Decks as they are: the mesh is a file, or small enough.
-AS_IS = ("plate_fe_gmsh",)
+AS_IS = ("plate_fe_gmsh", "three_point_bending")
 WALL_SECONDS = "wall_seconds"
 
 
