@@ -109,12 +109,21 @@ def make_grid(
         sums = added_up(spread.halo, moments, quantum, MOMENT_QUANTUM)
         cells = GridCells(counts, h, spread.owned, sums, stiffest[: len(spread.owned)])
         levels, last, between = _make_levels(comm, cells, n_halvings, ratios, spring)
-    if comm.rank == 0:  # also beside what is kept: motions are scaled by the unknowns, which are others now
-        of_last = halved(counts, n_halvings)
-        index = np.stack(np.unravel_index(last.nodes, of_last + 1), axis=1)
-        places = share.lower + index * ((share.upper - share.lower) / of_last)
-        last = replace(last, free=orthonormal_rows(product(motions, rigid_motions(places).reshape(6, -1))))
+    last = with_free_motions(last, share, motions)
     return Grid((_from_nodes(comm, nodes, where, xi, counts, (*levels, last)[0].nodes), *between), levels, last)
+
+
+def with_free_motions(last: LastLevel, share: Share, motions: np.ndarray) -> LastLevel:
+    """The last grid with the rigid motions that nothing holds, on rank 0, which solves on it.
+
+    Also of a grid that is kept: motions are scaled by the unknowns, which are others where bonds have moved.
+    """
+    if share.comm.rank > 0:
+        return last
+    of_last = halved(*grid_counts(share))
+    index = np.stack(np.unravel_index(last.nodes, of_last + 1), axis=1)
+    places = share.lower + index * ((share.upper - share.lower) / of_last)
+    return replace(last, free=orthonormal_rows(product(motions, rigid_motions(places).reshape(6, -1))))
 
 
 def _from_nodes(

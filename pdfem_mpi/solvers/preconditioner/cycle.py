@@ -5,7 +5,7 @@ It hangs on the cells, their materials and shares, and on what holds them; not o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from pdfem_mpi.model.loads import LoadCase
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.solvers.preconditioner.blocks import inverted, node_blocks, softest, with_springs
-from pdfem_mpi.solvers.preconditioner.coarse_grid import Grid, make_grid
+from pdfem_mpi.solvers.preconditioner.coarse_grid import Grid, make_grid, with_free_motions
 from pdfem_mpi.solvers.preconditioner.smoothing import damping
 
 #: Fixed components are held on the grid by springs this much stiffer than the stiffest node.
@@ -60,6 +60,11 @@ class Cycle:
         """Whether the same components are fixed on all ranks. Collective."""
         comm = self.intact.comm
         return sum_integers(comm, np.array([int(np.array_equal(self.fixed, fixed))]))[0] == comm.size
+
+    def with_motions(self, share: Share, motions: np.ndarray) -> Cycle:
+        """The same of a model with other bonds, whose motions that nothing holds are ``motions``, as of `make_grid`."""
+        grid = self.grid
+        return replace(self, grid=replace(grid, last=with_free_motions(grid.last, share, motions)))
 
     def forces(self, bounds: Bounds) -> Forces:
         """Forces of the intact body, whose bounds are as if the weight had just been looked for with them."""

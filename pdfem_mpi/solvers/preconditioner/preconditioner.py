@@ -220,7 +220,7 @@ def make_preconditioner(
     intact.nodes.halo.scatter_reverse(held)
     fixed, of_own = _fixed(intact, held)
     if same and kept.holds(of_own):
-        cycle, cycle_forces = kept, kept.forces(bounds.part("cycle"))
+        cycle, cycle_forces = kept.with_motions(share, case.untied_motions), kept.forces(bounds.part("cycle"))
     else:
         cycle, cycle_forces = make_cycle(share, intact, case, of_own, bounds.part("cycle"), kept and kept.grid)
     return Preconditioner(

@@ -18,6 +18,7 @@ from pdfem_mpi.parallel.comm import mpi
 from pdfem_mpi.runs import memory_estimate, switching
 from pdfem_mpi.runs.region_notes import describe_staying
 from pdfem_mpi.solvers.convergence import NotConverged
+from pdfem_mpi.solvers.preconditioner.cycle import Cycle
 from support.adaptive import AUTO, DRAWN, FAST, plate, rows_of
 from support.bodies import YOUNGS_MODULUS
 from support.restarts import StopAt, alone, differing, outcome
@@ -67,6 +68,20 @@ def test_stops_change_nothing(tmp_path):
     assert codes.count(STOPPED) > 5
     assert codes[-1] == FINISHED
     assert not differing(outcome(stopped), outcome(straight))
+
+
+def test_a_cycle_that_is_kept_is_as_one_made_anew(monkeypatch):
+    """Also where nothing holds some rigid motions, whose directions among the unknowns are others after a switch.
+
+    Whether it is kept depends on which cells ranks have before and after, and so on their number.
+    """
+    ends = tuple(Support(face=face, layers=1, x=x) for face, x in (("x-", -0.02), ("x+", 0.02)))
+    early = Events(kind="events", **FAST | {"end_reaction": 0.9})
+    scene = plate(stepping=early).model_copy(update={"supports": ends})
+    kept = rows_of(Simulation(scene, mpi().COMM_SELF))
+    assert sum(row["event"] == "switch" for row in kept) > 0
+    monkeypatch.setattr(Cycle, "holds", lambda self, fixed: False)
+    assert rows_of(Simulation(scene, mpi().COMM_SELF)) == kept
 
 
 def test_a_region_that_stays_ends_with_a_sentence():
