@@ -17,7 +17,6 @@ KINEMATICS = pytest.mark.parametrize("finite", [False, True], ids=["linear", "fi
 SIZES = pytest.mark.parametrize(
     "cells", [pytest.param(SMALL, marks=pytest.mark.nojit), (4, 3, 2)], ids=["tiny", "small"]
 )
-
 AMPLITUDE, SEED = 0.1, 7
 SINGLE = 2.0**-23  # relative: twice the rounding of a stored number; finite rows store 1 / r0^2 so
 
