@@ -63,8 +63,9 @@ class LoadCase:
         Resultant of the external forces that push one way (those along the axes, or those against them).
     thermal : Thermal or None
         The strain of a change of temperature, whose forces are part of ``external``.
-    grows : bool
-        Whether ``load`` is that of loads that grow; else it is that of constant ones, beside which there are none.
+    grows, lost : bool
+        Whether ``load`` is that of loads that grow; else it is that of constant ones, beside which there are none, or
+        all that grew is ``lost``, off what came loose.
     taken : float64, shape (3,), dimension force
         Sums of the forces along x, y and z that loads put on held places, where supports take them at once; NaN where
         there are none.
@@ -95,6 +96,7 @@ class LoadCase:
     opening: Gauge | None = None
     thermal: Thermal | None = None
     grows: bool = True
+    lost: bool = False
 
     @property
     def of_loads(self) -> np.ndarray:
@@ -242,10 +244,11 @@ def without_loads_on_loose_parts(model: Model, case: LoadCase) -> tuple[LoadCase
         return replace(case, external=external, load=one_way(model, external)), parts
     others, more = without_equilibrium(model, case.fixed, case.constant)
     external, constant = (np.where(rows | others, 0.0, forces) for forces in (case.external, case.constant))
-    load = one_way(model, external) or one_way(model, constant)
+    load = one_way(model, external)
+    lost, load = case.grows and not load, load or one_way(model, constant)
     known = {part.text for part in parts}
     parts += [part for part in more if part.text not in known]
-    return replace(case, external=external, constant=constant, load=load), parts
+    return replace(case, external=external, constant=constant, load=load, lost=lost), parts
 
 
 def _volume(share: Share, model: Model) -> np.ndarray:

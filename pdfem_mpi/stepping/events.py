@@ -182,17 +182,16 @@ def _load_to_break(avalanche: Avalanche) -> bool:
     remove_rigid_motion(ledger.model, ledger.case, state.u)
     program["size"] = ledger.size(state.u)  # first: a region that does not hold ends this state
     ledger.solve.look_at_region(state)
-    if state.load_factor >= limit:
-        return False
+    ends = state.load_factor >= limit
     if settings.control == "opening":
         opening = ledger.opening()
         avalanche.overdue = opening <= program["opening"] * (1.0 + BRACKET)
         program["opening"] = max(program["opening"], opening)
-        if settings.end_opening and opening * ledger.model.units.length >= settings.end_opening * (1.0 - BRACKET):
-            return False
+        last = settings.end_opening
+        ends = ends or bool(last and opening * ledger.model.units.length >= last * (1.0 - BRACKET))
         if avalanche.overdue:  # on the way between two stable states, whatever it carries
-            return True
+            return not ends
     if ledger.carries_little():
         return False
-    remember_peak(ledger)
-    return True
+    remember_peak(ledger, breaks=not ends)
+    return not ends

@@ -185,6 +185,8 @@ def reaction(case: LoadCase, resultants: np.ndarray, load_factor: float) -> floa
     moving = [size for size, moves in zip(sizes, case.moves, strict=True) if moves]
     if moving or not case.load:
         return max(moving or sizes, default=0.0)
+    if case.lost:
+        return 0.0
     return (abs(load_factor) if case.grows else 1.0) * case.load
 
 
