@@ -24,6 +24,10 @@ from support.softening import remade, softening_material
 pytestmark = pytest.mark.mpi(min_size=2)
 
 NOTCH = RemovedBox(kind="box", lower=(5.0, -1.0, -1.0), upper=(6.0, 2.0, 9.0))
+STEPS = (
+    RemovedBox(kind="box", lower=(5.0, 0.0, 0.0), upper=(9.0, 1.0, 3.0)),
+    RemovedBox(kind="box", lower=(9.0, 1.0, 0.0), upper=(11.0, 2.0, 1.0)),
+)
 BORE = RemovedCylinder(kind="cylinder", axis="z", centre=(9.0, 3.0, 0.0), radius=1.2)
 
 
@@ -75,6 +79,13 @@ SCENES = {
                   Support(line=((12.0, 0.0, 0.0), (12.0, 4.0, 0.0)), z=0.0),
                   Support(point=(6.0, 2.0, 2.0), x=0.0, y=0.0),
                   Support(of="nodes", lower=(5.0, 0.0, 0.0), upper=(8.0, 1.0, 1.0), y=0.0)),
+    ),
+    "lines along a step, across elements and bonds": lambda: make_scene(
+        (12, 5, 3), 6, mesh=notched(*STEPS),
+        loads=(Force(kind="force", line=((0.0, 1.0, 1.0), (12.0, 1.0, 1.0)), total=(0.0, 1.0, 0.0)),
+               Force(kind="force", line=((0.0, 5.0, 1.0), (12.0, 5.0, 1.0)), total=(0.0, 1.0, 0.0))),
+        supports=(Support(line=((0.0, 1.0, 0.0), (12.0, 1.0, 0.0)), x=0.0, y=0.0),),
+        springs=(Spring(line=((0.0, 2.0, 0.0), (12.0, 2.0, 0.0)), stiffness=(0.0, 0.0, 1.0)),),
     ),
     "probes, a crack through the overlap": lambda: make_scene(
         (12, 4, 4), 6,
