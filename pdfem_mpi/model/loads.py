@@ -17,13 +17,14 @@ from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.dense import product, solve
 from pdfem_mpi.model.balance import find_unbalanced, remove_free_motion, without_equilibrium
 from pdfem_mpi.model.body_forces import density, lump_on_nodes, point_forces
+from pdfem_mpi.model.factor_formulas import Following
 from pdfem_mpi.model.gauges import Gauge, gauge_of
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import combine, free_motions, rigid_gram, rigid_modes
 from pdfem_mpi.model.one_way import one_way
 from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsupported
 from pdfem_mpi.model.restraints import problems_of_restraints, tie
-from pdfem_mpi.model.supports import Following, prescribe
+from pdfem_mpi.model.supports import prescribe
 from pdfem_mpi.model.thermal import Thermal, make_thermal
 from pdfem_mpi.model.tractions import traction_forces
 from pdfem_mpi.parallel.sums import exact_dots
@@ -269,8 +270,7 @@ def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarra
 
 
 def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
-    """Take the free rigid motions out of a displacement: its mean over the volume vanishes, or that of each part that
-    is unsupported. Collective.
+    """Take free rigid motions out of a displacement: its mean, or that of each unsupported part, vanishes. Collective.
 
     Parameters
     ----------
