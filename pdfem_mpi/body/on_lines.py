@@ -94,7 +94,7 @@ def share_line(mesh: HexMesh, on: np.ndarray, carries: np.ndarray, free: np.ndar
     """
     stretches = _stretches(mesh, on, line, near)
     length = stretches.length
-    cells = np.flatnonzero(on[mesh.cells].sum(axis=1) >= 2)
+    cells = np.flatnonzero(on[mesh.cells].sum(axis=1, dtype=np.int8) >= 2)
     ends = _ends(mesh, stretches, cells)
     along = ends[:, 3] > ends[:, 2]
     cells, ends = cells[along], ends[along]
