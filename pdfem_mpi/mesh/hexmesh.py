@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from pdfem_mpi.kernels.dense import lengths
+from pdfem_mpi.mesh.cell_boxes import CellBoxes
 from pdfem_mpi.mesh.everywhere import Everywhere
 
 #: A node lies on a plane, or a centroid in a box, within this fraction of the body's size.
@@ -87,6 +88,11 @@ class HexMesh:
         for a in range(8):
             total += self.nodes[self.cells[:, a]]
         return total / 8.0
+
+    @cached_property
+    def boxes(self) -> CellBoxes:
+        """Which cells are near a place."""
+        return CellBoxes(self.nodes, self.cells, self.centroids)
 
     @cached_property
     def _edge_range(self) -> tuple[float, float]:
