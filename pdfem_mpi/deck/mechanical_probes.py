@@ -35,7 +35,8 @@ class PointProbe(Table):
     name : str
         Its results are listed under it.
     point : three floats, dimension length
-        In the cell that holds it: of elements by the functions through its Gauss points, of bonds the cell's mean.
+        Not outside of the body. Read in the cell that holds it: of elements by the functions through its Gauss points,
+        of bonds the cell's mean.
     fields : names
         Of the displacement and the mechanical fields.
     """

@@ -124,12 +124,7 @@ class HexMesh:
         return np.stack([lengths(corners[:, a] - corners[:, b]) for a, b in EDGES])
 
     def cells_in_box(self, lower, upper) -> np.ndarray:
-        """Cells whose centroid lies in a closed box; None for a corner sets no limit there.
-
-        Returns
-        -------
-        bool, shape (n_cells,)
-        """
+        """Cells whose centroid lies in a closed box, bool (n_cells,); None for a corner sets no limit there."""
         inside = np.ones(len(self.cells), bool)
         if lower is not None:
             inside &= (self.centroids >= np.asarray(lower) - self.tolerance).all(axis=1)

@@ -6,6 +6,7 @@ from pdfem_mpi.body.cutting import make_share, share_of
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.sight import is_seen_in_part, see
 from pdfem_mpi.deck.loads import BodyForce, Force, Pressure, Support, Traction
+from pdfem_mpi.deck.mechanical_probes import PointProbe
 from pdfem_mpi.deck.meshes import BoxMesh, PlateWithHoleMesh
 from pdfem_mpi.deck.outputs import DisplacementProbe, OpeningProbe
 from pdfem_mpi.deck.peridynamics import Crack
@@ -111,8 +112,17 @@ BAD = {
     "no mirror plane": lambda: make_scene((12, 5, 3), mesh=notched(cut_off(0.0, 2.0), symmetry=("x-",))),
     "nothing on a line": lambda: make_scene((8, 3, 3), supports=(Support(point=(0.3, 0.3, 0.3), x=0.0),)),
     "an opening outside": lambda: make_scene((8, 3, 3), probes=(opening((2.0, 0.0, 0.0), (11.0, 0.0, 0.0)),)),
+    "points outside": lambda: make_scene(
+        (8, 3, 3), probes=(DisplacementProbe(kind="displacement", name="a", point=(8.0, 3.0, 5.5)),
+                           PointProbe(kind="point", name="b", point=(-7.0, 1.2, 1.0)))),
+    "a point in a hole": lambda: make_scene(
+        (4, 3, 1), regions=ROUND, mesh=PLATE, loads=(),
+        probes=(PointProbe(kind="point", name="a", point=(0.1, 0.15, 0.0)),)),
     "more ranks than cells": lambda: make_scene((1, 1, 1)),
 }  # fmt: skip
+
+#: What ranks that see parts of the body find and tell.
+OF_PARTS = "an opening outside", "points outside", "a point in a hole"
 
 
 def of_whole(scene, comm):
@@ -154,7 +164,7 @@ def test_errors_are_those_of_the_whole_body(comm, name):
             told.append(error.messages)
     is_wrong = comm.size > 1 or name != "more ranks than cells"
     assert_all(comm, told[0] == told[1] and bool(str(told[0]).strip("[]() ,")) == is_wrong, f"{told}")
-    assert_all(comm, len(wholes) == (comm.size > 1 and name != "an opening outside"))
+    assert_all(comm, len(wholes) == (comm.size > 1 and name not in OF_PARTS))
 
 
 def test_what_is_wrong_is_told_to_all_ranks(comm):
