@@ -11,6 +11,10 @@ from pdfem_mpi.deck.outputs import DisplacementProbe, OpeningProbe
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import AXES, SceneError, Vector
 
+#: Displacements may be asked for so far outside of the body, in mean edges, and are read at its nearest place: straight
+#: edges lie less below curved surfaces.
+CHORD = 0.25
+
 
 def place_probes(scene: Scene, whole: Discretization) -> dict[str, Weights]:
     """Weights by the names of columns. Collective, if the mesh is a part.
@@ -27,9 +31,10 @@ def place_probes(scene: Scene, whole: Discretization) -> dict[str, Weights]:
             weights = _opening(whole, probe, f"probes.{index}", messages)
             found[f"{probe.name}.opening"] = weights
         elif isinstance(probe, DisplacementProbe | PointProbe):
-            remedy = "inside of it or on its surface"
-            weights = _weights(whole, probe.point, f"probes.{index}.point", remedy, messages)
-            for d, axis in enumerate(AXES if isinstance(probe, DisplacementProbe) else ()):
+            moves, remedy = isinstance(probe, DisplacementProbe), "inside of it or on its surface"
+            allowed = CHORD * whole.mesh.mean_edge if moves else 0.0
+            weights = _weights(whole, probe.point, f"probes.{index}.point", remedy, messages, allowed)
+            for d, axis in enumerate(AXES if moves else ()):
                 found[f"{probe.name}.u_{axis}"] = weights.along([float(d == e) for e in range(3)], 1.0)
     if messages:
         raise SceneError(messages)
@@ -50,10 +55,15 @@ def _opening(whole: Discretization, probe: OpeningProbe, where: str, messages: l
     return two.along(probe.unit, 1.0).plus(one.along(probe.unit, -1.0))
 
 
-def _weights(whole: Discretization, point: Vector, where: str, remedy: str, messages: list[str]) -> Weights:
-    """Weights at a point; ``messages`` get it if it lies outside of the body. Collective, if the mesh is a part."""
+def _weights(
+    whole: Discretization, point: Vector, where: str, remedy: str, messages: list[str], allowed: float = 0.0
+) -> Weights:
+    """Weights at a point; ``messages`` get it if it lies farther outside of the body than is allowed.
+
+    Collective, if the mesh is a part.
+    """
     weights, outside = weights_at(whole, np.array(point))
-    if outside > whole.mesh.tolerance:
+    if outside > max(whole.mesh.tolerance, allowed):
         text = f"{where} = {list(point)} lies outside of the body, {outside:.3g} away from it."
         messages.append(f"{text} Give a point {remedy}.")
     return weights

@@ -231,6 +231,21 @@ def test_probes_read_the_cells_that_hold_their_places(tmp_path):
     np.testing.assert_allclose(np.diff(line["stress_yy"], n=2), 0.0, atol=1e-12)
 
 
+def test_displacements_just_outside_are_those_of_the_nearest_place(tmp_path):
+    """A chord of a curved surface lies below it; farther out than that it is refused, and stresses are at once."""
+    two = "".join(
+        f'\n[[probes]]\nkind = "displacement"\nname = "{name}"\npoint = [{x}, 1.3, 0.7]\n'
+        for name, x in (("a", 8.0), ("b", 8.2))
+    )
+    history = pdfem.run(parse_deck(ELASTIC + two, "bar.toml"), tmp_path / "run").history
+    assert history["b.u_x"][-1] == pytest.approx(history["a.u_x"][-1], rel=1e-12) != 0.0
+    for kind in ("displacement", "point"):
+        far = 8.3 if kind == "displacement" else 8.01
+        probe = f'\n[[probes]]\nkind = "{kind}"\nname = "a"\npoint = [{far}, 1.0, 1.0]\n'
+        with pytest.raises(pdfem.SceneError, match="lies outside of the body, 0"):
+            pdfem.Simulation(parse_deck(ELASTIC + probe, "bar.toml"))
+
+
 @pytest.mark.parametrize(
     ("probe", "sentence"),
     [
