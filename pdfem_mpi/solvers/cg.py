@@ -184,7 +184,6 @@ class _Balance:
         self.before, self.norm = self.norm, math.sqrt(square)
         self.relative = self.norm / self.reference
 
-
     def sharpen(self) -> bool:
         """Lower the bounds to what was met, once; whether residuals have more digits from then on. Collective.
 
