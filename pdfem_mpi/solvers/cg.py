@@ -96,10 +96,7 @@ def solve(
         elif norm > STAGNATION * balance.before:
             if balance.sharpen():
                 continue
-            raise NotConverged(
-                f"conjugate gradients stagnate at a relative residual of {relative:.3g}, above solver.tolerance = "
-                f"{tolerance:.3g}: {sequence.obstacle() or 'round-off. Allow a larger tolerance.'}"
-            )
+            raise NotConverged(_describe_stagnation(relative, tolerance, sequence))
         if finite:
             forcing = _next_forcing(sequence, norm)
             tangent.linearise(u, 0.0 if at_rest else forces.bounds.bond)
@@ -112,6 +109,14 @@ def solve(
         if not finite:
             forces.bounds.expect(sequence.reach(), at_rest)
         at_rest = False
+
+
+def _describe_stagnation(relative: float, tolerance: float, sequence: Sequence) -> str:
+    """A sentence about a residual that solves lower no further. Collective."""
+    return (
+        f"conjugate gradients stagnate at a relative residual of {relative:.3g}, above solver.tolerance = "
+        f"{tolerance:.3g}: {sequence.obstacle() or 'round-off. Allow a larger tolerance.'}"
+    )
 
 
 def _tangent_of(forces: Forces) -> Forces:
