@@ -108,10 +108,15 @@ def area_vectors(boundary: Boundary, n_cells: int) -> np.ndarray:
     return total
 
 
-def face_shares(mesh: HexMesh, nodes: np.ndarray, cells: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """``int L_i dA`` of the points of some cells over one face of each, given by its nodes (n, 4); shape (n, 8)."""
+def face_vectors(mesh: HexMesh, nodes: np.ndarray, cells: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """``int L_i n dA`` of the points of cells over one face of each, given by its nodes (n, 4); shape (n, 8, 3)."""
     sides = np.sort(mesh.cells[cells][:, FACES], axis=2) == np.sort(faces, axis=1)[:, None, :]
-    areas = _face_areas(nodes, mesh.cells[cells], np.argmax(sides.all(axis=2), axis=1))
+    return _face_areas(nodes, mesh.cells[cells], np.argmax(sides.all(axis=2), axis=1))
+
+
+def face_shares(mesh: HexMesh, nodes: np.ndarray, cells: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """The same along the mean normal of each face, ``int L_i dA`` of one that is flat; shape (n, 8)."""
+    areas = face_vectors(mesh, nodes, cells, faces)
     whole = areas.sum(axis=1)
     size = np.sqrt((whole**2).sum(axis=1))
     return (areas * (whole / size[:, None])[:, None, :]).sum(axis=2)

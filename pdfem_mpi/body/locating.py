@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,16 +44,38 @@ class Weights:
         return Weights(*(np.concatenate(pair) for pair in pairs))
 
 
+class Holder(NamedTuple):
+    """A cell that holds a point, or comes closest to it.
+
+    Attributes
+    ----------
+    outside : float, dimension length
+        Distance of the point from the cell; 0 inside, up to round-off.
+    cell : int
+        Number in the whole mesh.
+    coordinates : float64, shape (3,), dimension 1
+        Reference coordinates of the point, wherever they lead to outside.
+    nodes : int64, shape (8,), or None
+        Numbers in the whole mesh of the nodes that carry the displacement; None: the eight points do.
+    """
+
+    outside: float
+    cell: int
+    coordinates: np.ndarray
+    nodes: np.ndarray | None
+
+
 def weights_at(body: Any, point: np.ndarray) -> tuple[Weights, float]:
     """Weights of the displacement at a point, each component by itself, and the point's distance from the body.
 
     They are those of `measure.displacement`: shape functions of nodes, or the trilinear function through eight points;
-    where cells with points meet their mean, and on mirror planes nothing of what is normal to them.
+    where cells with points meet their mean, and on mirror planes nothing of what is normal to them. Collective, if the
+    mesh is a part.
 
     Parameters
     ----------
     body
-        With ``mesh`` in the deck's units, ``has_nodes``, ``units`` and ``mirrors``: the whole of it.
+        With ``mesh`` in the deck's units, ``has_nodes``, ``units`` and ``mirrors``.
     point : float64, shape (3,), dimension length
     """
     holders, outside = locate(body, point)
@@ -62,13 +84,13 @@ def weights_at(body: Any, point: np.ndarray) -> tuple[Weights, float]:
     free = ~body.mirrors.normal_components(place, mesh.tolerance / units.length)[0]
     share = free / len(holders)
     nodes, of_nodes, cells, of_points = [], [], [], []
-    for cell, coordinates in holders.items():
-        weight = interpolation(body.has_nodes[cell], coordinates)[:, None] * share
-        if body.has_nodes[cell]:
-            nodes.append(mesh.cells[cell].astype(np.int64))
+    for holder in holders:
+        weight = interpolation(holder)[:, None] * share
+        if holder.nodes is not None:
+            nodes.append(holder.nodes)
             of_nodes.append(weight)
         else:
-            cells.append(cell)
+            cells.append(holder.cell)
             of_points.append(weight)
     return Weights(
         np.concatenate(nodes) if nodes else np.empty(0, np.int64),
@@ -78,50 +100,81 @@ def weights_at(body: Any, point: np.ndarray) -> tuple[Weights, float]:
     ), outside
 
 
-def interpolation(by_nodes: bool, coordinates: np.ndarray) -> np.ndarray:
-    """Weights of the eight nodes, or else of the eight points, of a cell at reference coordinates; shape (8,)."""
-    rst = np.clip(coordinates, -1.0, 1.0)
-    if by_nodes:
+def interpolation(holder: Holder) -> np.ndarray:
+    """Weights of the eight nodes, or else of the eight points, of a cell at a point; shape (8,)."""
+    rst = np.clip(holder.coordinates, -1.0, 1.0)
+    if holder.nodes is not None:
         return shape_functions(rst[None])[0]
     return np.prod((1.0 + 9.0 * (rst / 3.0) * GAUSS_POINTS) / 2.0, axis=1)
 
 
-def locate(body: Any, point: np.ndarray) -> tuple[dict[int, np.ndarray], float]:
-    """Cells that hold a point, or come closest to it.
+def locate(body: Any, point: np.ndarray) -> tuple[list[Holder], float]:
+    """Cells that hold a point, or come closest to it. Collective, if the mesh is a part.
+
+    The cells around that of the nearest middle come first: where this one holds the point, others that do share a node
+    with it. Beside small cells, or where cells are long and oblique, another may hold it; then all are looked at whose
+    boxes come as close as the closest found.
 
     Parameters
     ----------
     body
         With ``mesh`` in the deck's units and ``has_nodes``.
+    point : float64, shape (3,), dimension length
 
     Returns
     -------
-    holders : dict from cell to float64, shape (3,)
-        Reference coordinates in the first such cell with nodes; without any, in all such peridynamic cells.
+    holders : list of Holder
+        The first such cell with nodes; without any, all such peridynamic cells.
     outside : float, dimension length
         Distance of the point from them; 0 inside, up to round-off.
     """
     mesh = body.mesh
-    cell = int(np.argmin(((mesh.centroids - point) ** 2).sum(axis=1)))
-    near = np.flatnonzero(mesh.neighbours(np.arange(len(mesh.cells)) == cell))
-    corners = mesh.nodes[mesh.cells[near]]
-    local = _reference_coordinates(corners, point)
+    everywhere, tolerance = mesh.everywhere, mesh.tolerance
+    square, place = mesh.boxes.nearest(point)
+    nearest = min(everywhere.gathered([(square, int(mesh.cell_id[place]))]))[1]
+    mine = mesh.cell_id[place] == nearest and everywhere.of_own(np.array([place]))[0]
+    found = everywhere.gathered(_look_at(body, mesh.boxes.around(place), point) if mine else [])
+    if not any(holder.cell == nearest and holder.outside <= tolerance for holder in found):
+        close = mesh.boxes.within(point, point, max(_least(found), tolerance))
+        close = close[everywhere.of_own(close) & ~np.isin(mesh.cell_id[close], [holder.cell for holder in found])]
+        found += sorted(everywhere.gathered(_look_at(body, close, point, apart=True)), key=lambda holder: holder.cell)
+    outside = _least(found)
+    found = [holder for holder in found if holder.outside <= outside + tolerance]
+    return [holder for holder in found if holder.nodes is not None][:1] or found, outside
+
+
+def _least(found: list[Holder]) -> float:
+    return min(holder.outside for holder in found)
+
+
+def _look_at(body: Any, cells: np.ndarray, point: np.ndarray, apart: bool = False) -> list[Holder]:
+    """How far a point is from some cells, places in the mesh; ``apart`` as of `_reference_coordinates`."""
+    if not len(cells):
+        return []
+    mesh = body.mesh
+    corners = mesh.nodes[mesh.cells[cells]]
+    local = _reference_coordinates(corners, point, apart)
     nearest = (shape_functions(np.clip(local, -1.0, 1.0))[:, :, None] * corners).sum(axis=1)
-    beyond = lengths(nearest - point)
-    outside = float(beyond.min())
-    chosen = np.flatnonzero(beyond <= outside + mesh.tolerance)
-    chosen = [k for k in chosen if body.has_nodes[near[k]]][:1] or chosen
-    return {int(near[k]): local[k] for k in chosen}, outside
+    outside = np.nan_to_num(lengths(nearest - point), nan=np.inf).tolist()
+    nodes = [mesh.node_id[mesh.cells[cell]] if body.has_nodes[cell] else None for cell in cells]
+    return list(map(Holder, outside, mesh.cell_id[cells].tolist(), local, nodes))
 
 
-def _reference_coordinates(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Solve ``x(r, s, t) = point`` by Newton's method in each cell; shapes (n, 8, 3) and (3,) to (n, 3)."""
-    rst = np.zeros((len(corners), 3))
+def _reference_coordinates(corners: np.ndarray, point: np.ndarray, apart: bool) -> np.ndarray:
+    """Solve ``x(r, s, t) = point`` by Newton's method in each cell; shapes (n, 8, 3) and (3,) to (n, 3).
+
+    All cells go on until the last has come to its end, or, ``apart``, each until its own: then the same bits in
+    whatever company it is.
+    """
+    rst, at_rest = np.zeros((len(corners), 3)), np.zeros(len(corners), bool)
     for _ in range(NEWTON_STEPS):
         miss = point - (shape_functions(rst)[:, :, None] * corners).sum(axis=1)
         jacobian = (corners[:, :, :, None] * shape_gradients(rst)[:, :, None, :]).sum(axis=1)
         step = solve(jacobian, miss[:, :, None])[:, :, 0]
+        if apart:
+            step[at_rest] = 0.0
         rst = np.clip(rst + step, -3.0, 3.0)
-        if np.abs(step).max() < 1e-13:
+        at_rest = np.abs(step).max(axis=1) < 1e-13
+        if at_rest.all():
             break
     return rst

@@ -73,7 +73,10 @@ def bond_materials(scene: Scene) -> tuple[tuple[tuple[Material, ...], ...], ...]
         own = {} if interface is None else interface.model_dump(exclude={"between"}, exclude_none=True)
         if interface is not None and interface.can_fail:
             own = dict.fromkeys(CRITERION) | own
-        return tuple(side.model_copy(update=own) for side in sides if side.modulus_of_bonds == softest)
+        copies = [side.model_copy(update=own) for side in sides if side.modulus_of_bonds == softest]
+        # a modulus of the interface makes two of sides with one shear modulus and two Poisson's ratios
+        softest = min(side.modulus_of_bonds for side in copies)
+        return tuple(side for side in copies if side.modulus_of_bonds == softest)
 
     return tuple(tuple(holding(a, b) for b in materials) for a in materials)
 

@@ -12,17 +12,13 @@ from typing import Any
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
+from pdfem_mpi.body.on_lines import from_line, points_at, share_line
 from pdfem_mpi.deck.table import SceneError
-from pdfem_mpi.kernels.dense import lengths, product
 from pdfem_mpi.kernels.hex8 import gauss_positions
 from pdfem_mpi.mesh.part import MeshPart
 
 #: A node is on a point or a line within this part of the shortest edge.
 NEAR = 1e-3
-#: Points are as near to a line as the nearest of their cell within this part of the distance.
-AS_NEAR = 1e-6
-#: Points lie on the same side of a line as the first of them where the cosine of the angle between is above this.
-SAME_SIDE = 0.7
 NO_POINTS = np.empty((0, 2), np.int64)
 
 
@@ -45,7 +41,8 @@ def select_narrow(whole: Discretization, entry: Any, where: str) -> tuple[np.nda
     """
     if entry.point is None and entry.line is None:
         return _in_box(whole, entry, where)
-    return _on_line(_around_line(whole, entry), entry, where)
+    nodes, _, points, _ = _on_line(_around_line(whole, entry), entry, where)
+    return nodes, points
 
 
 def _line_of(entry: Any) -> Any:
@@ -64,7 +61,7 @@ def _around_line(body: Discretization, entry: Any) -> Discretization:
     mesh, everywhere = body.mesh, body.mesh.everywhere
     if everywhere.own is None:
         return body
-    on = _from_line(mesh.nodes, *_line_of(entry))[0] <= NEAR * mesh.smallest_edge
+    on = from_line(mesh.nodes, *_line_of(entry))[0] <= NEAR * mesh.smallest_edge
     cells = np.flatnonzero(on[mesh.cells].any(axis=1) & everywhere.own)
     everywhere.refused(everywhere.total(len(cells))[0] == 0)
     ids, corners, x, points, overlap, carries = (
@@ -84,11 +81,11 @@ def _around_line(body: Discretization, entry: Any) -> Discretization:
     return replace(body, mesh=near, has_points=points[order], is_overlap=overlap[order], carries=carried)
 
 
-def _on_line(whole: Discretization, entry: Any, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and points on a line, of the body or of the cells with a node there."""
-    mesh, free, ends = whole.mesh, whole.has_points & ~whole.is_overlap, _line_of(entry)
+def _on_line(whole: Discretization, entry: Any, where: str):
+    """Nodes and points on a line, each with its length of it, of the body or of the cells with a node there."""
+    mesh, free = whole.mesh, whole.has_points & ~whole.is_overlap
     near = NEAR * mesh.smallest_edge
-    distance, _ = _from_line(mesh.nodes, *ends)
+    distance, _ = from_line(mesh.nodes, *_line_of(entry))
     on = distance <= near
     if not on.any():
         first = int(np.argmin(distance))
@@ -100,10 +97,15 @@ def _on_line(whole: Discretization, entry: Any, where: str) -> tuple[np.ndarray,
                 ' Give a place where nodes are, or a box with of = "nodes".'
             ]
         )
-    touching = np.flatnonzero(free)
-    touching = touching[on[mesh.cells[touching]].sum(axis=1) >= (1 if entry.line is None else 2)]
-    points = _nearest_points(whole, touching, ends)
-    return mesh.node_id[on & whole.carries], np.column_stack([mesh.cell_id[points[:, 0]], points[:, 1]])
+    if entry.line is None:
+        of_nodes = on.astype(np.float64)
+        points = points_at(mesh, np.flatnonzero(free & on[mesh.cells].any(axis=1)), entry.point)
+        of_points = np.ones(len(points))
+    else:
+        of_nodes, points, of_points = share_line(mesh, on, whole.carries, free, entry.line, near)
+    nodes = np.flatnonzero(on & whole.carries)
+    points = np.column_stack([mesh.cell_id[points[:, 0]], points[:, 1]])
+    return mesh.node_id[nodes], of_nodes[nodes], points, of_points
 
 
 def spread(whole: Discretization, entry: Any, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -113,57 +115,9 @@ def spread(whole: Discretization, entry: Any, where: str) -> tuple[np.ndarray, n
     -------
     nodes, parts of nodes, points, parts of points
     """
-    near = _around_line(whole, entry)
-    nodes, points = _on_line(near, entry, where)
-    mesh = near.mesh
-    if entry.line is None:
-        of_nodes, of_points = np.ones(len(nodes)), np.ones(len(points))
-    else:
-        start, way = np.array(entry.line[0]), np.array(entry.line[1]) - np.array(entry.line[0])
-        along = product(mesh.nodes - start, way)
-        of_nodes = _tributary(along[np.searchsorted(mesh.node_id, nodes)])
-        cells, which, count = np.unique(points[:, 0], return_inverse=True, return_counts=True)
-        corners = mesh.cells[np.searchsorted(mesh.cell_id, cells)]
-        lengths = np.ptp(along[corners], axis=1) if len(cells) else np.empty(0)
-        of_points = (lengths / count)[which]
+    nodes, of_nodes, points, of_points = _on_line(_around_line(whole, entry), entry, where)
     whole_length = float(of_nodes.sum() + of_points.sum())
     return nodes, of_nodes / whole_length, points, of_points / whole_length
-
-
-def _tributary(place: np.ndarray) -> np.ndarray:
-    """Half of the way to the neighbours on both sides, of places on a line; 1 for a single one."""
-    if len(place) < 2:
-        return np.ones(len(place))
-    order = np.argsort(place, kind="stable")
-    half = 0.5 * np.diff(place[order])
-    lengths = np.empty(len(place))
-    lengths[order] = np.append(half, 0.0) + np.append(0.0, half)
-    return lengths
-
-
-def _nearest_points(whole: Discretization, cells: np.ndarray, ends: Any) -> np.ndarray:
-    """Points of each cell that are nearest to a line, on one side of it; rows of cell and Gauss point."""
-    if not len(cells):
-        return NO_POINTS
-    x = gauss_positions(whole.mesh.nodes[whole.mesh.cells[cells]])
-    distance, offset = _from_line(x.reshape(-1, 3), *ends)
-    distance, offset = distance.reshape(-1, 8), offset.reshape(-1, 8, 3)
-    cell, g = np.nonzero(distance <= distance.min(axis=1)[:, None] * (1.0 + AS_NEAR))
-    offset = offset[cell, g]
-    first = np.round(offset / (AS_NEAR * whole.mesh.smallest_edge))
-    first = offset[np.lexsort(first.T[::-1])[0]]
-    size = lengths(offset) * lengths(first)
-    side = product(offset, first) >= SAME_SIDE * size
-    return np.column_stack([cells[cell[side]], g[side]])
-
-
-def _from_line(x: np.ndarray, start: Any, stop: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Distances of places (n, 3) from a straight line with two ends, and their offsets from it, (n, 3)."""
-    start, way = np.array(start), np.array(stop) - np.array(start)
-    square = float((way * way).sum())
-    share = np.clip(product(x - start, way) / square, 0.0, 1.0) if square else np.zeros(len(x))
-    offset = x - start - share[:, None] * way
-    return np.sqrt((offset**2).sum(axis=1)), offset
 
 
 def _in_box(whole: Discretization, entry: Any, where: str) -> tuple[np.ndarray, np.ndarray]:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from pdfem_mpi.body.discretization import Discretization
 from pdfem_mpi.body.locating import Weights, weights_at
+from pdfem_mpi.deck.mechanical_probes import PointProbe
 from pdfem_mpi.deck.outputs import DisplacementProbe, OpeningProbe
 from pdfem_mpi.deck.scene import Scene
-from pdfem_mpi.deck.table import AXES, SceneError
-from pdfem_mpi.parallel.comm import broadcast
+from pdfem_mpi.deck.table import AXES, SceneError, Vector
+
+#: Displacements may be asked for so far outside of the body, in mean edges, and are read at its nearest place: straight
+#: edges lie less below curved surfaces.
+CHORD = 0.25
 
 
 def place_probes(scene: Scene, whole: Discretization) -> dict[str, Weights]:
@@ -20,7 +22,7 @@ def place_probes(scene: Scene, whole: Discretization) -> dict[str, Weights]:
     Raises
     ------
     SceneError
-        Points of an opening outside of the body, or nothing between them.
+        Points outside of the body, or an opening with nothing between its points.
     """
     found: dict[str, Weights] = {}
     messages: list[str] = []
@@ -28,9 +30,11 @@ def place_probes(scene: Scene, whole: Discretization) -> dict[str, Weights]:
         if isinstance(probe, OpeningProbe):
             weights = _opening(whole, probe, f"probes.{index}", messages)
             found[f"{probe.name}.opening"] = weights
-        elif isinstance(probe, DisplacementProbe):
-            weights, _ = _weights_at(whole, np.array(probe.point))
-            for d, axis in enumerate(AXES):
+        elif isinstance(probe, DisplacementProbe | PointProbe):
+            moves, remedy = isinstance(probe, DisplacementProbe), "inside of it or on its surface"
+            allowed = CHORD * whole.mesh.mean_edge if moves else 0.0
+            weights = _weights(whole, probe.point, f"probes.{index}.point", remedy, messages, allowed)
+            for d, axis in enumerate(AXES if moves else ()):
                 found[f"{probe.name}.u_{axis}"] = weights.along([float(d == e) for e in range(3)], 1.0)
     if messages:
         raise SceneError(messages)
@@ -39,16 +43,10 @@ def place_probes(scene: Scene, whole: Discretization) -> dict[str, Weights]:
 
 def _opening(whole: Discretization, probe: OpeningProbe, where: str, messages: list[str]) -> Weights:
     """The displacement of the second point less that of the first, along a vector; ``messages`` get what is wrong."""
-    found, wrong = [], len(messages)
-    for name in ("one", "two"):
-        weights, outside = _weights_at(whole, np.array(getattr(probe, name)))
-        found.append(weights)
-        if outside > whole.mesh.tolerance:
-            messages.append(
-                f"{where}.{name} = {list(getattr(probe, name))} lies outside of the body, {outside:.3g} away from it. "
-                "Give a point of its surface."
-            )
-    one, two = found
+    wrong = len(messages)
+    one, two = (
+        _weights(whole, getattr(probe, name), f"{where}.{name}", "of its surface", messages) for name in ("one", "two")
+    )
     if len(messages) == wrong and (len(np.intersect1d(one.cells, two.cells)) or _same_nodes(one, two)):
         messages.append(
             f"{where} measures an opening across nothing: both of its points lie in one cell. Give points on both "
@@ -57,23 +55,18 @@ def _opening(whole: Discretization, probe: OpeningProbe, where: str, messages: l
     return two.along(probe.unit, 1.0).plus(one.along(probe.unit, -1.0))
 
 
-def _weights_at(body: Discretization, point: np.ndarray) -> tuple[Weights, float]:
-    """As `weights_at`, by numbers in the whole mesh. Collective, if the mesh is a part.
+def _weights(
+    whole: Discretization, point: Vector, where: str, remedy: str, messages: list[str], allowed: float = 0.0
+) -> Weights:
+    """Weights at a point; ``messages`` get it if it lies farther outside of the body than is allowed.
 
-    The rank of the cell whose middle is nearest sees the cells around it.
+    Collective, if the mesh is a part.
     """
-    mesh, everywhere = body.mesh, body.mesh.everywhere
-    if everywhere.own is None:
-        return weights_at(body, point)
-    own = np.flatnonzero(everywhere.own)
-    square = ((mesh.centroids[own] - point) ** 2).sum(axis=1)
-    first = int(np.argmin(square))
-    nearest = everywhere.gathered([(float(square[first]), int(mesh.cell_id[own[first]]))])
-    rank, found = nearest.index(min(nearest)), None
-    if rank == everywhere.comm.rank:
-        weights, outside = weights_at(body, point)
-        found = replace(weights, nodes=mesh.node_id[weights.nodes], cells=mesh.cell_id[weights.cells]), outside
-    return broadcast(everywhere.comm, found, rank)
+    weights, outside = weights_at(whole, np.array(point))
+    if outside > max(whole.mesh.tolerance, allowed):
+        text = f"{where} = {list(point)} lies outside of the body, {outside:.3g} away from it."
+        messages.append(f"{text} Give a point {remedy}.")
+    return weights
 
 
 def _same_nodes(one: Weights, two: Weights) -> bool:

@@ -242,13 +242,16 @@ def laws_of_bonds(
                     laws.append(law)
                 candidates.append(known[material])
             if candidates:
-                which[a, b] = min(candidates, key=lambda k: (laws[k].first, k))
+                which[a, b] = min(candidates, key=lambda k: (laws[k].teeth.limit[0], k))
     return laws, which
 
 
 def first_stretches(scene: Scene, internal_length: float, cutoff_ratio: float, planes: float) -> np.ndarray:
-    """Stretch at which the bonds between two materials soften or break, as `materials.bond_stretches`."""
+    """Stretch at which the bonds between two materials go on or break, as `materials.bond_stretches`.
+
+    Without a drop it is that of the first tooth, which lies a little above the one where the branch begins.
+    """
     if not scene.softens:
         return bond_stretches(scene, internal_length, cutoff_ratio)
     laws, which = laws_of_bonds(scene, internal_length, cutoff_ratio, planes)
-    return np.append([law.first for law in laws], np.inf)[which]
+    return np.append([law.teeth.limit[0] for law in laws], np.inf)[which]

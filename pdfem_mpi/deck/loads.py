@@ -159,8 +159,8 @@ class Support(Places):
         Or the node at a point.
     line : two points or None, dimension length
         Or the nodes on a straight line: a roller or a pin. In peridynamic cells with an edge on
-        the line it is one row of points, those nearest to it, on the side of lower coordinates: it leaves the rotation
-        about the line free.
+        the line it is one row of points, those nearest to it, on one side, that of lower coordinates unless another has
+        cells along more of the line: it leaves the rotation about the line free.
     name : str or None
         Its force on the body is in history.csv then: ``NAME.force_x``, ``NAME.force_y`` and ``NAME.force_z``.
     x, y, z : float, formula or None, dimension length

@@ -35,7 +35,8 @@ class PointProbe(Table):
     name : str
         Its results are listed under it.
     point : three floats, dimension length
-        In the cell that holds it: of elements by the functions through its Gauss points, of bonds the cell's mean.
+        Not outside of the body. Read in the cell that holds it: of elements by the functions through its Gauss points,
+        of bonds the cell's mean.
     fields : names
         Of the displacement and the mechanical fields.
     """
@@ -119,7 +120,8 @@ class EnergyReleaseProbe(Table):
     direction : three floats, not all 0
         In the plane of the crack, normal to its front: where it would grow.
     extension : float or None, > 0, dimension length
-        By how much the crack is longer the second time. None (default): the mean edge of the cells.
+        By how much the crack is longer the second time. None (default): the extent of the cells at
+        the front along ``direction``.
     width : float or None, > 0, dimension length
         Length of the front within the body that is modelled; None (default): the body's extent along the front.
     state : "plane_strain" or "plane_stress"

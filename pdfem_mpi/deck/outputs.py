@@ -44,7 +44,7 @@ class DisplacementProbe(Table):
     name : str
         Of the columns, and of the entry in summary.json.
     point : three floats, dimension length
-        Where it is at rest.
+        Where it is at rest, inside of the body or on its surface.
     """
 
     kind: Literal["displacement"]

@@ -40,7 +40,7 @@ def parse_overrides(overrides: Sequence[str] | Mapping[str, Any], messages: list
     """
     if isinstance(overrides, Mapping):
         return [
-            Override(tuple(key.split(".")), _listed(value), f"{key}={show(value)}") for key, value in overrides.items()
+            Override(tuple(key.split(".")), value, f"{key}={show(value)}") for key, value in listed(overrides).items()
         ]
     found: list[str] = []
     parsed = []
@@ -113,8 +113,10 @@ def _find_item(items: list[Any], part: str, where: str) -> int:
     raise OverrideProblem(f"{where} has no item {part}. Items are: {choices}.{did_you_mean(part, named)}")
 
 
-def _listed(value: Any) -> Any:
-    """A value of Python as a TOML file would give it."""
+def listed(value: Any) -> Any:
+    """A value of Python as a TOML file would give it: a copy with lists, and numbers in place of numpy's."""
     if isinstance(value, Mapping):
-        return {str(name): _listed(item) for name, item in value.items()}
-    return [_listed(item) for item in value] if isinstance(value, list | tuple) else value
+        return {str(name): listed(item) for name, item in value.items()}
+    if hasattr(value, "tolist"):  # arrays and numbers of numpy, which decks do not load
+        value = value.tolist()
+    return [listed(item) for item in value] if isinstance(value, list | tuple) else value

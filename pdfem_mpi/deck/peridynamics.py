@@ -8,6 +8,7 @@ from typing import Literal
 
 from pdfem_mpi.deck.materials import BOND_POISSONS_RATIO, Interface, Material, all_materials
 from pdfem_mpi.deck.meshes import SPACING_TOLERANCE, Mesh
+from pdfem_mpi.deck.polygons import crossing_problems
 from pdfem_mpi.deck.regions import Region, can_have_bonds, has_model
 from pdfem_mpi.deck.table import Problem, Table, Vector, key, show
 
@@ -77,7 +78,8 @@ class Crack(Table):
     Attributes
     ----------
     polygon : three or more points, dimension length
-        Corners in order, in one plane; the polygon may stick out of the body. Bonds through its edges are cut too.
+        Corners in order, in one plane, of edges that do not cross; the polygon may stick out of the body. Bonds
+        through its edges are cut too.
     """
 
     kind: Literal["polygon"] = key("polygon")
@@ -88,13 +90,15 @@ class Crack(Table):
     )
 
     def problems(self) -> list[Problem]:
-        """Corners that span a plane and lie in it."""
+        """Corners that span a plane and lie in it, and edges that do not cross."""
         if len(self.polygon) > MOST_CORNERS:
             count = f"{len(self.polygon):,} corners, and at most {MOST_CORNERS:,} serve"
             return [Problem("polygon", f"has {count}. Use fewer, or several cracks.")]
+        crossing = crossing_problems(self.polygon)
         normal, size = polygon_normal(self.polygon)
         if normal is None:
-            return [Problem("polygon", "has no area: its corners lie on a line. Give corners that span a plane.")]
+            text = "has no area: its corners lie on a line. Give corners that span a plane."
+            return crossing or [Problem("polygon", text)]
         height = max(
             abs(math.fsum(n * (c - o) for n, c, o in zip(normal, corner, self.polygon[0], strict=True)))
             for corner in self.polygon
@@ -106,7 +110,7 @@ class Crack(Table):
                     f"is not plane: a corner lies {height:.3g} off the plane of the others. Move it, or use triangles.",
                 )
             ]
-        return []
+        return crossing
 
     def corners(self, lower: Sequence[float], upper: Sequence[float]) -> tuple[Vector, ...]:
         """Corners of the polygon that cuts; one of the deck's own does not depend on the box of the body."""

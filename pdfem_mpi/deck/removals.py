@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from pdfem_mpi.deck.directions import no_direction
+from pdfem_mpi.deck.polygons import crossing_problems
 from pdfem_mpi.deck.table import AXES, Pair, Problem, Table, Vector, key, show
 
 Axis = Literal["x", "y", "z"]
@@ -112,8 +113,11 @@ class RemovedPrism(_Extruded):
     )
 
     def problems(self) -> list[Problem]:
-        """A span, and corners with an area between them."""
+        """A span, and corners with an area between them and edges that do not cross."""
         problems = super().problems()
+        crossing = crossing_problems(self.polygon)
+        if crossing:
+            return problems + crossing
         a, b = self.polygon[0]
         offsets = [(p - a, q - b) for p, q in self.polygon]
         size = max(abs(c) for offset in offsets for c in offset)

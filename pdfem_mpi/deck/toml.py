@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from pdfem_mpi.deck.adaptive import with_auto
 from pdfem_mpi.deck.limits import find_limits
-from pdfem_mpi.deck.overrides import OverrideProblem, apply, parse_overrides
+from pdfem_mpi.deck.overrides import OverrideProblem, apply, listed, parse_overrides
 from pdfem_mpi.deck.partial import is_table, partial_tables, walk
 from pdfem_mpi.deck.programs import with_solver
 from pdfem_mpi.deck.scene import Scene, find_problems
@@ -37,6 +37,7 @@ def read_deck(deck: str | Path | Mapping[str, Any], overrides: Sequence[str] | M
     ----------
     deck : str, Path or dict
         A file, or its tables as TOML would give them: ``{"mesh": {"spacing": 0.1, ...}, "regions": [...], ...}``.
+        Arrays and numbers of numpy serve as lists and numbers.
     overrides : sequence of str, or dict
         Like ``mesh.spacing=0.1``, see `parse_overrides`; or values by their keys, ``{"mesh.spacing": 0.1}``.
 
@@ -46,7 +47,7 @@ def read_deck(deck: str | Path | Mapping[str, Any], overrides: Sequence[str] | M
         With every problem found.
     """
     if isinstance(deck, Mapping):
-        return parse_tables(_thaw(deck), "deck", overrides)
+        return parse_tables(listed(deck), "deck", overrides)
     return parse_deck(read_text(deck), str(deck), overrides)
 
 
@@ -140,15 +141,6 @@ def _freeze(value: Any) -> Any:
         return {name: _freeze(item) for name, item in value.items()}
     if isinstance(value, list):
         return tuple(_freeze(item) for item in value)
-    return value
-
-
-def _thaw(value: Any) -> Any:
-    """The inverse of `_freeze`: a copy with lists, as TOML gives them."""
-    if isinstance(value, Mapping):
-        return {name: _thaw(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_thaw(item) for item in value]
     return value
 
 

@@ -15,6 +15,7 @@ import math
 import numpy as np
 from numba import njit, types
 
+from pdfem_mpi.kernels.bond_response import SMALLEST_SQUARE
 from pdfem_mpi.kernels.simd import W
 
 _options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
@@ -54,7 +55,7 @@ def add_softened_forces(n, pairs, strengths, law, tooth, stiffness, finite, S, S
         work = (ux * gx + uy * gy) + uz * gz
         if finite:
             e = work * np.float64(strengths[t, 1])
-            above = max(1.0 + e, 0.0)
+            above = max(1.0 + e, SMALLEST_SQUARE)
             f = k * (e / (above + math.sqrt(above)))
             gx, gy, gz = gx + ux, gy + uy, gz + uz
             peak = max(peak, abs(e))
@@ -83,7 +84,7 @@ def add_softened_tangent(n, pairs, strengths, law, tooth, stiffness, S, SI, quan
         yx, yy, yz = S[j + 3 * W] - S[i + 3 * W], S[j + 4 * W] - S[i + 4 * W], S[j + 5 * W] - S[i + 5 * W]
         inverse = np.float64(strengths[t, 1])
         e = ((yx * yx + yy * yy) + yz * yz) * inverse - 1.0
-        above = max(1.0 + e, 0.0)
+        above = max(1.0 + e, SMALLEST_SQUARE)
         phi = e / (above + math.sqrt(above))
         k = 2.0 * np.float64(strengths[t, 0]) * stiffness[law[t], tooth[t]]
         shrink = 1.0 - phi

@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numba import njit, types
 
+from pdfem_mpi.kernels.bond_response import SMALLEST_SQUARE
 from pdfem_mpi.kernels.simd import W
 from pdfem_mpi.kernels.softened_bonds import add_pair
 
@@ -69,7 +70,7 @@ def add_softened_changes(n, pairs, strengths, law, tooth, stiffness, S, DI, quan
         yx, yy, yz = S[j + 3 * W] - S[i + 3 * W], S[j + 4 * W] - S[i + 4 * W], S[j + 5 * W] - S[i + 5 * W]
         along = ((S[j] - S[i]) * yx + (S[j + W] - S[i + W]) * yy) + (S[j + 2 * W] - S[i + 2 * W]) * yz
         e = ((yx * yx + yy * yy) + yz * yz) * np.float64(strengths[t, 1]) - 1.0
-        above = max(1.0 + e, 0.0)
+        above = max(1.0 + e, SMALLEST_SQUARE)
         shrink = 1.0 - e / (above + math.sqrt(above))
         term = 2.0 * np.float64(strengths[t, 0]) * stiffness[law[t], tooth[t]] * shrink * along
         extremes[0] = max(extremes[0], abs(term))
@@ -95,7 +96,7 @@ def add_softened_volumetric_forces(n, pairs, strengths, law, tooth, stiffness, f
         work = (ux * gx + uy * gy) + uz * gz
         if finite:
             e = work * np.float64(strengths[t, 1])
-            above = max(1.0 + e, 0.0)
+            above = max(1.0 + e, SMALLEST_SQUARE)
             phi = e / (above + math.sqrt(above))
             f = phi + (1.0 - phi) * common
             gx, gy, gz = gx + ux, gy + uy, gz + uz
@@ -130,7 +131,7 @@ def add_softened_volumetric_tangent(n, pairs, strengths, law, tooth, stiffness, 
         changed = change[pairs[t, 0]] + change[pairs[t, 1]]
         inverse = np.float64(strengths[t, 1])
         e = ((yx * yx + yy * yy) + yz * yz) * inverse - 1.0
-        above = max(1.0 + e, 0.0)
+        above = max(1.0 + e, SMALLEST_SQUARE)
         phi = e / (above + math.sqrt(above))
         shrink = 1.0 - phi
         k = 2.0 * np.float64(strengths[t, 0]) * stiffness[law[t], tooth[t]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdfem_mpi.body.locating import interpolation, locate
+from pdfem_mpi.body.locating import Holder, interpolation, locate
 from pdfem_mpi.measure.fields import Fields
 from pdfem_mpi.measure.geometry import Geometry
 
@@ -24,15 +24,15 @@ def displacement_at(geometry: Geometry, fields: Fields, point) -> np.ndarray:
     return interpolate(geometry, fields, locate(geometry, point)[0], point)
 
 
-def interpolate(geometry: Geometry, fields: Fields, holders: dict[int, np.ndarray], point) -> np.ndarray:
+def interpolate(geometry: Geometry, fields: Fields, holders: list[Holder], point) -> np.ndarray:
     """Mean over the holders of their own interpolation, and their mirror images', at the nearest of their points."""
     total = np.zeros(3)
-    for cell, coordinates in holders.items():
-        shape = interpolation(geometry.has_nodes[cell], coordinates)
-        if geometry.has_nodes[cell]:
-            values = fields.u_nodes[geometry.node_row[geometry.mesh.cells[cell]]]
+    for holder in holders:
+        shape = interpolation(holder)
+        if holder.nodes is not None:
+            values = fields.u_nodes[geometry.node_row[holder.nodes]]
         else:
-            values = fields.u_points.reshape(-1, 8, 3)[geometry.point_row[cell]]
+            values = fields.u_points.reshape(-1, 8, 3)[geometry.point_row[holder.cell]]
         total += (shape[:, None] * values).sum(axis=0)
     units, mesh = geometry.units, geometry.mesh
     place = (np.clip(point, mesh.lower, mesh.upper)[None] - units.origin) / units.length

@@ -43,7 +43,7 @@ def measure_line(geometry: Geometry, fields: Fields, probe: LineProbe) -> Line:
         holders, outside = locate(geometry, point)
         if outside <= geometry.mesh.tolerance:
             displacement[k] = interpolate(geometry, fields, holders, point)
-            bonds = geometry.is_peridynamic[next(iter(holders))]
+            bonds = geometry.is_peridynamic[holders[0].cell]
             kind[k] = "peridynamics" if bonds else "finite elements"
     return Line(distance, position, displacement, kind.astype(str))
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdfem_mpi.body.locating import locate
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.kernels.hex8 import GAUSS_POINTS
-from pdfem_mpi.measure.displacement import locate
 from pdfem_mpi.measure.field_values import field_of, mean_of
 from pdfem_mpi.measure.geometry import Geometry
 from pdfem_mpi.measure.recovered import Recovered
@@ -31,12 +31,15 @@ class Places:
     on_elements : bool, shape (n_cells,)
         Those with nodes; what the others have is read off their bonds.
     weights : float64, shape (n_places, n_cells, 8)
-        Of each cell's eight points at each place; they add up to 1, and are NaN outside of the body.
+        Of each cell's eight points at each place; they add up to 1, and to 0 outside of the body.
+    inside : bool, shape (n_places,)
+        Those that any cell holds.
     """
 
     cells: np.ndarray
     on_elements: np.ndarray
     weights: np.ndarray
+    inside: np.ndarray
 
 
 def find_places(share: Share, geometry: Geometry | None, positions: Sequence) -> Places:
@@ -51,22 +54,23 @@ def _find(geometry: Geometry, positions: Sequence) -> Places:
     found = []
     for position in positions:
         holders, outside = locate(geometry, np.asarray(position, float))
-        found.append(holders if outside <= geometry.mesh.tolerance else {})
-    cells = np.unique([cell for holders in found for cell in holders]).astype(np.int64)
+        found.append(holders if outside <= geometry.mesh.tolerance else [])
+    cells = np.unique([holder.cell for holders in found for holder in holders]).astype(np.int64)
     weights = np.zeros((len(found), len(cells), 8))
     for row, holders in zip(weights, found, strict=True):
-        for cell, coordinates in holders.items():
+        for holder in holders:
             own = np.full(8, 0.125)
-            if geometry.has_nodes[cell]:
-                own = np.prod((1.0 + 3.0 * np.clip(coordinates, -1.0, 1.0) * GAUSS_POINTS) / 2.0, axis=1)
-            row[np.searchsorted(cells, cell)] += own / len(holders)
-        if not holders:
-            row[:] = np.nan
-    return Places(cells, geometry.has_nodes[cells], weights)
+            if holder.nodes is not None:
+                own = np.prod((1.0 + 3.0 * np.clip(holder.coordinates, -1.0, 1.0) * GAUSS_POINTS) / 2.0, axis=1)
+            row[np.searchsorted(cells, holder.cell)] += own / len(holders)
+    return Places(cells, geometry.has_nodes[cells], weights, np.array([len(holders) > 0 for holders in found]))
 
 
 def mechanics_at(places: Places, recovered: Recovered) -> Mechanics | None:
-    """Strain, stress and energy density at the places, shape (n_places, 1, ...); None except on rank 0. Collective."""
+    """Strain, stress and energy density at the places, shape (n_places, 1, ...); None except on rank 0. Collective.
+
+    They are NaN outside of the body.
+    """
     comm, table = recovered.share.comm, np.zeros((len(places.cells), 8, 13))
     for chosen, mechanics in ((places.on_elements, recovered.elements), (~places.on_elements, recovered.bonds)):
         wanted = places.cells[chosen]
@@ -83,6 +87,7 @@ def mechanics_at(places: Places, recovered: Recovered) -> Mechanics | None:
         return None
     n = len(places.weights)
     values = (places.weights.reshape(n, -1, 1) * table.reshape(-1, 13)).sum(axis=1)[:, None]
+    values[~places.inside] = np.nan
     numbers, one = np.arange(n), np.ones((n, 1))
     return Mechanics(numbers, numbers, one, values[..., :6], values[..., 6:12], values[..., 12])
 

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from pdfem_mpi.kernels.dense import lengths
+from pdfem_mpi.mesh.cell_boxes import CellBoxes
 from pdfem_mpi.mesh.everywhere import Everywhere
 
 #: A node lies on a plane, or a centroid in a box, within this fraction of the body's size.
@@ -89,6 +90,11 @@ class HexMesh:
         return total / 8.0
 
     @cached_property
+    def boxes(self) -> CellBoxes:
+        """Which cells are near a place."""
+        return CellBoxes(self.nodes, self.cells, self.centroids)
+
+    @cached_property
     def _edge_range(self) -> tuple[float, float]:
         return _range_of_edges(self)
 
@@ -118,12 +124,7 @@ class HexMesh:
         return np.stack([lengths(corners[:, a] - corners[:, b]) for a, b in EDGES])
 
     def cells_in_box(self, lower, upper) -> np.ndarray:
-        """Cells whose centroid lies in a closed box; None for a corner sets no limit there.
-
-        Returns
-        -------
-        bool, shape (n_cells,)
-        """
+        """Cells whose centroid lies in a closed box, bool (n_cells,); None for a corner sets no limit there."""
         inside = np.ones(len(self.cells), bool)
         if lower is not None:
             inside &= (self.centroids >= np.asarray(lower) - self.tolerance).all(axis=1)

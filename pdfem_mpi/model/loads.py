@@ -17,13 +17,14 @@ from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.kernels.dense import product, solve
 from pdfem_mpi.model.balance import find_unbalanced, remove_free_motion, without_equilibrium
 from pdfem_mpi.model.body_forces import density, lump_on_nodes, point_forces
+from pdfem_mpi.model.factor_formulas import Following
 from pdfem_mpi.model.gauges import Gauge, gauge_of
 from pdfem_mpi.model.model import Model
 from pdfem_mpi.model.motions import combine, free_motions, rigid_gram, rigid_modes
 from pdfem_mpi.model.one_way import one_way
 from pdfem_mpi.model.parts import Parts, UnsupportedPart, find_parts, find_unsupported
 from pdfem_mpi.model.restraints import problems_of_restraints, tie
-from pdfem_mpi.model.supports import Following, prescribe
+from pdfem_mpi.model.supports import prescribe
 from pdfem_mpi.model.thermal import Thermal, make_thermal
 from pdfem_mpi.model.tractions import traction_forces
 from pdfem_mpi.parallel.sums import exact_dots
@@ -63,8 +64,9 @@ class LoadCase:
         Resultant of the external forces that push one way (those along the axes, or those against them).
     thermal : Thermal or None
         The strain of a change of temperature, whose forces are part of ``external``.
-    grows : bool
-        Whether ``load`` is that of loads that grow; else it is that of constant ones, beside which there are none.
+    grows, lost : bool
+        Whether ``load`` is that of loads that grow; else it is that of constant ones, beside which there are none, or
+        all that grew is ``lost``, off what came loose.
     taken : float64, shape (3,), dimension force
         Sums of the forces along x, y and z that loads put on held places, where supports take them at once; NaN where
         there are none.
@@ -95,6 +97,7 @@ class LoadCase:
     opening: Gauge | None = None
     thermal: Thermal | None = None
     grows: bool = True
+    lost: bool = False
 
     @property
     def of_loads(self) -> np.ndarray:
@@ -242,10 +245,11 @@ def without_loads_on_loose_parts(model: Model, case: LoadCase) -> tuple[LoadCase
         return replace(case, external=external, load=one_way(model, external)), parts
     others, more = without_equilibrium(model, case.fixed, case.constant)
     external, constant = (np.where(rows | others, 0.0, forces) for forces in (case.external, case.constant))
-    load = one_way(model, external) or one_way(model, constant)
+    load = one_way(model, external)
+    lost, load = case.grows and not load, load or one_way(model, constant)
     known = {part.text for part in parts}
     parts += [part for part in more if part.text not in known]
-    return replace(case, external=external, constant=constant, load=load), parts
+    return replace(case, external=external, constant=constant, load=load, lost=lost), parts
 
 
 def _volume(share: Share, model: Model) -> np.ndarray:
@@ -266,8 +270,7 @@ def _on_held(model: Model, external: np.ndarray, fixed: np.ndarray) -> np.ndarra
 
 
 def remove_rigid_motion(model: Model, case: LoadCase, u: np.ndarray) -> None:
-    """Take the free rigid motions out of a displacement: its mean over the volume vanishes, or that of each part that
-    is unsupported. Collective.
+    """Take free rigid motions out of a displacement: its mean, or that of each unsupported part, vanishes. Collective.
 
     Parameters
     ----------

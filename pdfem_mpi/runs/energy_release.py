@@ -19,6 +19,7 @@ from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.kernels.dense import lengths
 from pdfem_mpi.model.not_finite import NotFinite
 from pdfem_mpi.parallel.sums import exact_dots
+from pdfem_mpi.runs.crack_fronts import default_extension
 from pdfem_mpi.runs.simulation import Simulation
 from pdfem_mpi.solvers.convergence import NotConverged
 
@@ -85,7 +86,9 @@ def potential(simulation: Simulation) -> float:
 
 
 def _extension(simulation: Simulation, probe: EnergyReleaseProbe) -> float:
-    return simulation.share.mesh.mean_edge if probe.extension is None else probe.extension
+    if probe.extension is not None:
+        return probe.extension
+    return default_extension(simulation.scene, simulation.share, probe)
 
 
 def _width(simulation: Simulation, probe: EnergyReleaseProbe) -> float:

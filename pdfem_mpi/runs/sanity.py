@@ -13,7 +13,9 @@ from pdfem_mpi.kernels.dense import lengths
 from pdfem_mpi.model.forces import Forces
 from pdfem_mpi.parallel.comm import largest, sum_integers
 from pdfem_mpi.peridynamics.clusters import point_rows
+from pdfem_mpi.runs.crack_fronts import doubtful_extensions
 from pdfem_mpi.runs.failure_notes import Criterion
+from pdfem_mpi.runs.sealed_regions import describe_sealed_regions
 from pdfem_mpi.runs.simulation import Simulation
 
 #: Pascals in one unit of stress, for the units of force and length that are known.
@@ -38,6 +40,8 @@ def doubts(scene: Scene, share: Share, limits: dict[str, Criterion]) -> Iterator
     yield from doubtful_moduli(scene)
     yield from doubtful_limits(scene, limits)
     yield from supports_that_may_break_loose(scene, share)
+    yield from describe_sealed_regions(scene, share)
+    yield from doubtful_extensions(scene, share)
 
 
 def doubtful_moduli(scene: Scene) -> Iterator[str]:

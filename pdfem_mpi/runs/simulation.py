@@ -144,6 +144,7 @@ class Simulation(Assembly):
         share = cut_again(scene, self.share)
         case = make_load_case(scene, share, self.model)
         self.scene, self.share, self.case, self.solver = scene, share, case, None
+        self.kept_cycle = None  # its grid has the supports before
         self.gauges = make_gauges(scene, share, self.model)
         self.region_watch = RegionWatch.of(self) if share.found else None
 

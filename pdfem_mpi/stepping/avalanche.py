@@ -61,11 +61,13 @@ class Avalanche:
         program["batches"] += broke > 0
         ledger.watch(Progress(int(program["batches"]), program["relative"], 0.0, (self,)))
         by_load = settings.control == "load"
-        if not broke and (_is_settled(ledger) if by_load else program["relative"] <= settings.arrest_tolerance):
-            program["stable"] = 1.0
-            return 0
+        if not broke:
+            enough = program["relative"] <= settings.arrest_tolerance
+            if _is_settled(ledger, at_this_load=True) if by_load else enough:
+                program["stable"] = 1.0
+                return 0
         if not broke and not program["fresh"]:
-            self._refuse_stagnation(stalled)
+            _refuse_stagnation(ledger, self.step, stalled)
         program["fresh"] = float(broke > 0)
         if broke:
             program["adrift"] = program["cuts"] = 0.0
@@ -84,10 +86,17 @@ class Avalanche:
         return broke
 
     def settle(self) -> None:
-        """Relax without breaking, after elements were turned: nothing may break on what was only interpolated."""
-        self.ledger.evaluate()
-        self._relax(self.ledger.settings.inner_iterations)
-        self.ledger.evaluate()
+        """Relax without breaking, after elements were turned: nothing may break on what was only interpolated.
+
+        A stable state comes to rest again: no arrest has looked at it on the new region, and the load of the next break
+        is read from it.
+        """
+        ledger = self.ledger
+        ledger.evaluate()
+        self._relax(ledger.settings.inner_iterations)
+        ledger.evaluate()
+        if ledger.state.program["stable"]:
+            self.relax_to_rest(looked_at=False)
 
     def came_apart(self) -> bool:
         """Whether the body does not carry the load any more."""
@@ -119,7 +128,7 @@ class Avalanche:
         ledger.count()
         fraction, runs_away = 1.0, False
         if case.load:
-            reach, size = SEPARATED * program["size"], ledger.size(self.step)
+            reach, size = SEPARATED * ledger.stable_size, ledger.size(self.step)
             if size <= reach:
                 program["adrift"] = 0.0
             elif self._let_go():
@@ -150,14 +159,21 @@ class Avalanche:
         ledger.state.program["fragments"] = ledger.state.program["fresh"] = 1.0
         return ledger.take_loads_off()
 
-    def relax_to_rest(self) -> None:
-        """Relax until the state is in equilibrium; the table of the forces is left at it."""
+    def relax_to_rest(self, looked_at: bool | None = None) -> None:
+        """Relax until the state is in equilibrium; the table of the forces is left at it.
+
+        Parameters
+        ----------
+        looked_at : bool, optional
+            Whether an arrest has looked at the state; under load control one has, unless it is said here.
+        """
         ledger = self.ledger
         program, tolerance = ledger.state.program, ledger.settings.arrest_tolerance
-        # under load control it was looked at before, in finite kinematics it is bracketed afterwards
-        looks = ledger.settings.control != "load" and not ledger.finite and ledger.case.constant is None
+        looked_at = ledger.settings.control == "load" if looked_at is None else looked_at
+        # in finite kinematics and beside constant loads it is bracketed afterwards
+        looks = not looked_at and not ledger.finite and ledger.case.constant is None
         while not program["apart"] and not program["adrift"]:
-            if _is_settled(ledger) if looks else program["relative"] <= tolerance:
+            if _is_settled(ledger, at_this_load=False) if looks else program["relative"] <= tolerance:
                 return
             if not looks:
                 program["goal"] = _next_goal(ledger)
@@ -165,25 +181,25 @@ class Avalanche:
             self._relax(MOST_SWEEPS)
             ledger.evaluate()
             if not program["apart"] and not program["fresh"]:
-                self._refuse_stagnation(stalled)
+                _refuse_stagnation(ledger, self.step, stalled)
 
-    def _refuse_stagnation(self, before: float) -> None:
-        """Give up where relaxation to the end did not halve a residual that is too large."""
-        ledger = self.ledger
-        relative, goal = ledger.state.program["relative"], ledger.settings.arrest_tolerance
-        if relative > goal and relative > STAGNATION * before:
-            if ledger.case.load and ledger.take_loads_off():
-                ledger.state.program["fragments"] = 1.0
-                ledger.evaluate()
-                return
-            place = describe_motion(ledger.model, self.step)
-            if ledger.finite and find_rest(ledger):
-                return
-            raise NotConverged(
-                f"after {ledger.failure.count:,} broken bonds the relative residual stagnates at {relative:.3g}, above "
-                f"stepping.arrest_tolerance = {goal:.3g}: some part may have come loose under a load. Still moving: "
-                f"{place}. {last_breaks(ledger)}"
-            )
+
+def _refuse_stagnation(ledger: Ledger, step: np.ndarray, before: float) -> None:
+    """Give up where relaxation to the end did not halve a residual that is too large."""
+    relative, goal = ledger.state.program["relative"], ledger.settings.arrest_tolerance
+    if relative > goal and relative > STAGNATION * before:
+        if ledger.case.load and ledger.take_loads_off():
+            ledger.state.program["fragments"] = 1.0
+            ledger.evaluate()
+            return
+        place = describe_motion(ledger.model, step)
+        if ledger.finite and find_rest(ledger):
+            return
+        raise NotConverged(
+            f"after {ledger.failure.count:,} broken bonds the relative residual stagnates at {relative:.3g}, above "
+            f"stepping.arrest_tolerance = {goal:.3g}: some part may have come loose under a load. Still moving: "
+            f"{place}. {last_breaks(ledger)}"
+        )
 
 
 def _refuse_small_steps(ledger: Ledger) -> None:
@@ -200,7 +216,7 @@ def _bearable(ledger: Ledger, step: np.ndarray, fraction: float) -> float:
     What hangs on by little turns far, and a straight step far along a rotation stretches all its bonds.
     """
     state, failure = ledger.state, ledger.failure
-    if ledger.size(step) * fraction <= state.program["size"]:
+    if ledger.size(step) * fraction <= ledger.stable_size:
         return fraction
     limit = max(MOST_STRETCH, ledger.forces.largest_ratio(failure))
     force, external = np.empty_like(state.u), ledger.external()
@@ -213,15 +229,20 @@ def _bearable(ledger: Ledger, step: np.ndarray, fraction: float) -> float:
     return fraction
 
 
-def _is_settled(ledger: Ledger) -> bool:
-    """Whether what the residual leaves open does not matter at the state of the last evaluation. Collective."""
+def _is_settled(ledger: Ledger, at_this_load: bool) -> bool:
+    """Whether what the residual leaves open does not matter at the state of the last evaluation. Collective.
+
+    Parameters
+    ----------
+    at_this_load : bool
+        The state is asked whether a bond breaks; else, which bonds break at the load that makes the largest critical.
+    """
     failure, below = ledger.failure, 1.0 - ledger.settings.eta
     ratio = ledger.excess()
 
     def decides(change: float) -> bool:
-        if ledger.settings.control == "load":  # at this load: does a bond break?
+        if at_this_load:
             return ratio + change > below
-        # at the load that makes the largest critical: which bonds break with it?
         return ledger.forces.largest_ratio(failure, below * ratio + change) > below * ratio - change
 
     return arrest.is_settled(

@@ -156,6 +156,17 @@ def _excess(ledger: Ledger) -> float:
     return ledger.excess()
 
 
+def _describe_nothing_to_break(broken: int) -> str:
+    """A sentence about a load that would never break another bond."""
+    if not broken:
+        return "the load stretches no bond that may break. Load the body otherwise."
+    return (
+        "the load stretches no bond that may break any more, and others hold the body together: bonds to cells with "
+        "may_fail = false and between two points of the overlap never break. Make the region that shall part wider "
+        "than twice the cutoff radius, or load the body otherwise."
+    )
+
+
 def _load_to_break(avalanche: Avalanche) -> bool:
     """Raise (or lower) the load until a bond is about to break; False if the program ends at or before that."""
     ledger = avalanche.ledger
@@ -171,7 +182,7 @@ def _load_to_break(avalanche: Avalanche) -> bool:
     if ratio == 0.0:
         if ledger.carries_little():  # apart since the relaxation: nothing is left to stretch
             return False
-        raise NotConverged("the load stretches no bond that may break. Load the body otherwise.")
+        raise NotConverged(_describe_nothing_to_break(ledger.failure.count))
     limit = math.inf if settings.end_load_factor is None else settings.end_load_factor
     excess = _excess(ledger)
     if ledger.finite or ledger.case.constant is not None:
@@ -182,17 +193,16 @@ def _load_to_break(avalanche: Avalanche) -> bool:
     remove_rigid_motion(ledger.model, ledger.case, state.u)
     program["size"] = ledger.size(state.u)  # first: a region that does not hold ends this state
     ledger.solve.look_at_region(state)
-    if state.load_factor >= limit:
-        return False
+    ends = state.load_factor >= limit
     if settings.control == "opening":
         opening = ledger.opening()
         avalanche.overdue = opening <= program["opening"] * (1.0 + BRACKET)
         program["opening"] = max(program["opening"], opening)
-        if settings.end_opening and opening * ledger.model.units.length >= settings.end_opening * (1.0 - BRACKET):
-            return False
+        last = settings.end_opening
+        ends = ends or bool(last and opening * ledger.model.units.length >= last * (1.0 - BRACKET))
         if avalanche.overdue:  # on the way between two stable states, whatever it carries
-            return True
+            return not ends
     if ledger.carries_little():
         return False
-    remember_peak(ledger)
-    return True
+    remember_peak(ledger, breaks=not ends)
+    return not ends

@@ -172,6 +172,11 @@ class Ledger:
         """Largest component of a vector over the unknowns. Collective."""
         return float(largest(self.model.comm, np.array([np.abs(vector).max(initial=0.0)]))[0])
 
+    @property
+    def stable_size(self) -> float:
+        """Largest displacement when last stable; before that, of the first equilibrium. Collective."""
+        return self.state.program["size"] or self.size(self.state.u)
+
     def _evaluations(self) -> int:
         return self.forces.evaluations + (self.tangent.evaluations if self.finite else 0)
 
@@ -189,10 +194,16 @@ def last_breaks(ledger: Ledger) -> str:
     return f"The last bonds broke in {' x '.join(sides)}."
 
 
-def remember_peak(ledger: Ledger) -> None:
-    """Book a state in which the next bond is about to break, if it is the first or has the largest reaction."""
+def remember_peak(ledger: Ledger, breaks: bool = True) -> None:
+    """Book a state of equilibrium that has the largest reaction, or in which the first bond is about to break.
+
+    Parameters
+    ----------
+    breaks : bool
+        Whether a bond is about to break in it.
+    """
     program, state = ledger.state.program, ledger.state
-    names = [] if program["first_row"] else ["first"]
+    names = ["first"] if breaks and not program["first_row"] else []
     if program["reaction"] > program["peak"]:
         program["peak"] = program["reaction"]
         names.append("peak")

@@ -13,7 +13,7 @@ from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.stepping import arrest
 from pdfem_mpi.stepping.avalanche import Avalanche
 from pdfem_mpi.stepping.equilibria import equilibrate, scale
-from pdfem_mpi.stepping.ledger import Ledger
+from pdfem_mpi.stepping.ledger import Ledger, remember_peak
 from pdfem_mpi.stepping.report import Report
 
 
@@ -45,7 +45,7 @@ def follow_legs(avalanche: Avalanche) -> Iterator[Report]:
         arrest.forget(program)
         remove_rigid_motion(ledger.model, ledger.case, state.u)
         program["size"] = max(program["size"], ledger.size(state.u))
-        program["peak"] = max(program["peak"], program["reaction"])
+        remember_peak(ledger, breaks)
         if breaks:
             return
         program["leg"] += 1.0

@@ -19,6 +19,12 @@ from pdfem_mpi.parallel.sums import exact_dots
 from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.solvers.convergence import Convergence, NotConverged
 
+#: The load factor at which it is seen how prescribed displacements begin.
+BEGINNING = 2.0**-10
+#: Cosine of the angle between displacements from which on they count as along each other: of a turn by up to 120
+#: degrees with its beginning.
+ALONG = 0.5
+
 
 @dataclass(frozen=True)
 class Report:
@@ -34,7 +40,8 @@ class Report:
         the load turns), ``"switch"`` (elements were turned into bonds) and ``"end"``.
     load_factor : float
     displacement : float, dimension length
-        Largest prescribed displacement or, under forces alone, their work over ``case.load``.
+        Largest prescribed displacement or, under forces alone, their work over ``case.load``. Negative where the load
+        factor is or, of formulas of it, against the way in which they begin.
     reaction : float, dimension force
         Largest resultant of a support that moves (else of a support) or, without supports, the load.
     resultant : float64, shape (3,), dimension force
@@ -185,6 +192,8 @@ def reaction(case: LoadCase, resultants: np.ndarray, load_factor: float) -> floa
     moving = [size for size, moves in zip(sizes, case.moves, strict=True) if moves]
     if moving or not case.load:
         return max(moving or sizes, default=0.0)
+    if case.lost:
+        return 0.0
     return (abs(load_factor) if case.grows else 1.0) * case.load
 
 
@@ -192,11 +201,26 @@ def displacement(forces: Forces, case: LoadCase, state: State) -> float:
     """The displacement conjugate to `reaction` (see `Report`). Collective."""
     if case.following:
         size = largest(forces.model.comm, np.array([np.abs(state.u[case.fixed]).max(initial=0.0)]))[0]
-        return math.copysign(float(size), state.load_factor)
+        return math.copysign(float(size), _way(forces, case, state))
     if any(case.moves) or not case.load:
         return state.load_factor * case.reach
     (work,) = exact_dots(forces.model.comm, [(case.of_loads, state.u)])
     return float(work) / case.load
+
+
+def _way(forces: Forces, case: LoadCase, state: State) -> float:
+    """Negative where prescribed displacements are opposed to those with which formulas of the load factor begin.
+
+    The load factor, where they are neither along them nor against them: after a large turn. Collective.
+    """
+    begun, rest = np.zeros_like(state.u), np.zeros_like(state.u)
+    case.displace(begun, BEGINNING)
+    case.displace(rest, 0.0)
+    begun -= rest
+    reached = np.where(case.fixed, state.u, 0.0)
+    along, square, other = exact_dots(forces.model.comm, [(reached, begun), (reached, reached), (begun, begun)])
+    size = ALONG * math.sqrt(square) * math.sqrt(other)
+    return float(along) if abs(along) > size else state.load_factor
 
 
 def support_resultants(forces: Forces, case: LoadCase, residual: np.ndarray) -> np.ndarray:

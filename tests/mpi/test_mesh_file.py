@@ -7,9 +7,11 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from pdfem_mpi.deck.loads import Support
+from pdfem_mpi.deck.loads import Pressure, Support, Traction
 from pdfem_mpi.deck.meshes import FileMesh
+from pdfem_mpi.deck.regions import Region
 from pdfem_mpi.deck.removals import RemovedBox
+from pdfem_mpi.deck.restraints import Spring
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.mesh.carving import carve
 from pdfem_mpi.mesh.generators import box
@@ -98,3 +100,49 @@ def test_bonds_end_at_the_surface_on_any_ranks(comm, symmetry, n_elements):
     if folder:
         folder.cleanup()
     assert_all(comm, found == expected, (found, expected))
+
+
+@pytest.mark.parametrize("n_elements", [0, 3, 7])
+def test_loads_on_faces_that_are_not_flat_do_not_depend_on_ranks(comm, n_elements):
+    """Forces of tractions and pressures, and stiffness of springs, bit by bit as on one rank."""
+    folder = TemporaryDirectory() if comm.rank == 0 else None
+    path = Path(broadcast(comm, folder and folder.name)) / "notch.vtu"
+    if folder:
+        write_mesh(path, dented_notch())
+    comm.Barrier()
+    around = {"lower": (-1.0, -1.0, -1.0), "upper": (9.0, 9.0, 9.0)}
+    loads = (
+        Pressure(kind="pressure", pressure=0.3, **around),
+        Traction(kind="traction", total=(1.0, -2.0, 0.5), lower=(2.0, 3.7, -1.0)),
+    )
+    scene = make_scene(
+        (7, 4, 2),
+        n_elements,
+        regions=split_at(3.0) if n_elements == 3 else None,
+        loads=loads,
+        supports=(Support(face="z-", x=0.0, y=0.0, z=0.0),),
+        springs=(Spring(stiffness=(1.0, 2.0, 3.0), lower=(2.0, 3.7, -1.0)),),
+        correction="virial",
+        mesh=FileMesh(path=str(path), spacing=1.0),
+    )
+    found, expected = loads_and_springs(scene, comm), loads_and_springs(scene, mpi().COMM_SELF)
+    comm.Barrier()
+    if folder:
+        folder.cleanup()
+    assert_all(comm, found == expected and found[0] > 0.0, (found, expected))
+
+
+def split_at(x):
+    """Elements before a place, bonds behind it, of cells whose corners are moved."""
+    return (
+        Region(name="elements", model="finite_elements", upper=(x, 9.0, 9.0)),
+        Region(name="bonds", model="peridynamics", lower=(x, -9.0, -9.0)),
+    )
+
+
+def loads_and_springs(scene, comm):
+    """Products of all loads and all springs with displacements that differ everywhere, summed exactly. Collective."""
+    body = build(scene, comm)
+    u, external, springs = body.of_positions(bent), body.case.external, body.model.springs
+    pairs = [(external, external), (external, u), (springs.stiffness, u[springs.index])]
+    return exact_dots(comm, pairs).tolist()

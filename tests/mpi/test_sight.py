@@ -6,6 +6,7 @@ from pdfem_mpi.body.cutting import make_share, share_of
 from pdfem_mpi.body.discretization import discretize
 from pdfem_mpi.body.sight import is_seen_in_part, see
 from pdfem_mpi.deck.loads import BodyForce, Force, Pressure, Support, Traction
+from pdfem_mpi.deck.mechanical_probes import PointProbe
 from pdfem_mpi.deck.meshes import BoxMesh, PlateWithHoleMesh
 from pdfem_mpi.deck.outputs import DisplacementProbe, OpeningProbe
 from pdfem_mpi.deck.peridynamics import Crack
@@ -24,6 +25,10 @@ from support.softening import remade, softening_material
 pytestmark = pytest.mark.mpi(min_size=2)
 
 NOTCH = RemovedBox(kind="box", lower=(5.0, -1.0, -1.0), upper=(6.0, 2.0, 9.0))
+STEPS = (
+    RemovedBox(kind="box", lower=(5.0, 0.0, 0.0), upper=(9.0, 1.0, 3.0)),
+    RemovedBox(kind="box", lower=(9.0, 1.0, 0.0), upper=(11.0, 2.0, 1.0)),
+)
 BORE = RemovedCylinder(kind="cylinder", axis="z", centre=(9.0, 3.0, 0.0), radius=1.2)
 
 
@@ -76,6 +81,13 @@ SCENES = {
                   Support(point=(6.0, 2.0, 2.0), x=0.0, y=0.0),
                   Support(of="nodes", lower=(5.0, 0.0, 0.0), upper=(8.0, 1.0, 1.0), y=0.0)),
     ),
+    "lines along a step, across elements and bonds": lambda: make_scene(
+        (12, 5, 3), 6, mesh=notched(*STEPS),
+        loads=(Force(kind="force", line=((0.0, 1.0, 1.0), (12.0, 1.0, 1.0)), total=(0.0, 1.0, 0.0)),
+               Force(kind="force", line=((0.0, 5.0, 1.0), (12.0, 5.0, 1.0)), total=(0.0, 1.0, 0.0))),
+        supports=(Support(line=((0.0, 1.0, 0.0), (12.0, 1.0, 0.0)), x=0.0, y=0.0),),
+        springs=(Spring(line=((0.0, 2.0, 0.0), (12.0, 2.0, 0.0)), stiffness=(0.0, 0.0, 1.0)),),
+    ),
     "probes, a crack through the overlap": lambda: make_scene(
         (12, 4, 4), 6,
         probes=(DisplacementProbe(kind="displacement", name="a", point=(6.0, 2.0, 4.0)),
@@ -100,8 +112,17 @@ BAD = {
     "no mirror plane": lambda: make_scene((12, 5, 3), mesh=notched(cut_off(0.0, 2.0), symmetry=("x-",))),
     "nothing on a line": lambda: make_scene((8, 3, 3), supports=(Support(point=(0.3, 0.3, 0.3), x=0.0),)),
     "an opening outside": lambda: make_scene((8, 3, 3), probes=(opening((2.0, 0.0, 0.0), (11.0, 0.0, 0.0)),)),
+    "points outside": lambda: make_scene(
+        (8, 3, 3), probes=(DisplacementProbe(kind="displacement", name="a", point=(8.0, 3.0, 5.5)),
+                           PointProbe(kind="point", name="b", point=(-7.0, 1.2, 1.0)))),
+    "a point in a hole": lambda: make_scene(
+        (4, 3, 1), regions=ROUND, mesh=PLATE, loads=(),
+        probes=(PointProbe(kind="point", name="a", point=(0.1, 0.15, 0.0)),)),
     "more ranks than cells": lambda: make_scene((1, 1, 1)),
 }  # fmt: skip
+
+#: What ranks that see parts of the body find and tell.
+OF_PARTS = "an opening outside", "points outside", "a point in a hole"
 
 
 def of_whole(scene, comm):
@@ -143,7 +164,7 @@ def test_errors_are_those_of_the_whole_body(comm, name):
             told.append(error.messages)
     is_wrong = comm.size > 1 or name != "more ranks than cells"
     assert_all(comm, told[0] == told[1] and bool(str(told[0]).strip("[]() ,")) == is_wrong, f"{told}")
-    assert_all(comm, len(wholes) == (comm.size > 1 and name != "an opening outside"))
+    assert_all(comm, len(wholes) == (comm.size > 1 and name not in OF_PARTS))
 
 
 def test_what_is_wrong_is_told_to_all_ranks(comm):

@@ -74,6 +74,18 @@ def test_an_interface_has_values_of_its_own():
     np.testing.assert_array_equal(table.bond_modulus, [[1.0, 0.25, 3.0], [0.25, 0.25, 0.25], [3.0, 0.25, 8.0]])
 
 
+def test_the_softer_copy_holds_where_an_interface_gives_the_modulus():
+    """Of sides of one shear modulus and two Poisson's ratios, whatever their order in the deck."""
+    moduli = []
+    for nus in ((0.0, 0.25), (0.25, 0.0)):
+        default, other = (Material(youngs_modulus=1000.0 * (1.0 + nu), poissons_ratio=nu) for nu in nus)
+        interface = Interface(between=("default", "other"), youngs_modulus=500.0)
+        scene = scene_of(1.0, other=other, interfaces=(interface,)).model_copy(update={"material": default})
+        moduli.append({side.modulus_of_bonds for side in bond_materials(scene)[0][1]})
+    softer = min(Material(youngs_modulus=500.0, poissons_ratio=nu).modulus_of_bonds for nu in (0.0, 0.25))
+    assert moduli == [{softer}, {softer}]
+
+
 FAILING = {"soft": {"critical_stretch": 0.02}, "tough": {"fracture_energy": 50.0}}
 
 

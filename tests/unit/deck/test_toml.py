@@ -6,6 +6,7 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pdfem_mpi.deck.meshes import BoxMesh, PlateWithHoleMesh
@@ -492,3 +493,23 @@ def test_conjugate_gradients_are_the_default_and_relaxation_is_that_of_a_ramp():
     assert any("solver.kind" in message for message in problems(SOUND, *ramp, "solver.kind=cg"))
     messages = problems(SOUND, *ramp, "mesh.spacing=-1")  # a deck with another mistake is not told of a solver too
     assert len(messages) == 1 and "mesh.spacing" in messages[0]
+
+
+def test_numbers_and_arrays_of_numpy_serve_in_dictionaries():
+    """The same scene, with plain numbers in it, and the same sentences about what is wrong."""
+    plain = tomllib.loads(SOUND)
+    given = copy.deepcopy(plain)
+    given["mesh"] |= {"lower": np.array(plain["mesh"]["lower"]), "spacing": np.float64(0.1)}
+    given["regions"][0]["upper"] = tuple(np.array([0.0, 0.2, 0.2]))
+    given["cracks"] = [{"polygon": np.array([[0.5, -1, -1], [0.5, 1, -1], [0.5, 1, 1]])}]
+    plain["cracks"] = [{"polygon": [[0.5, -1, -1], [0.5, 1, -1], [0.5, 1, 1]]}]
+    keys = {"solver.max_evaluations": 500, "output.damage": True, "mesh.upper": [1.0, 0.2, 0.2]}
+    of_numpy = {
+        "solver.max_evaluations": np.int64(500), "output.damage": np.bool_(True),
+        "mesh.upper": np.array([1.0, 0.2, 0.2]),
+    }  # fmt: skip
+    expected, found = read_deck(plain, keys), read_deck(given, of_numpy)
+    assert found == expected
+    assert type(found.solver.max_evaluations) is int and type(found.mesh.spacing) is float
+    with pytest.raises(DeckError, match=r"mesh.spacing = -0.5 is out of range"):
+        read_deck(plain, {"mesh.spacing": np.float32(-0.5)})

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pdfem_mpi.kernels import softened_bonds as kernels
+from pdfem_mpi.kernels.bond_response import SMALLEST_SQUARE
 from pdfem_mpi.kernels.simd import W
 
 QUANTUM = 2.0**-60
@@ -141,3 +142,17 @@ def test_slots_are_those_that_the_bonds_had():
     expected = np.zeros((4, 2, W))
     expected[1, :, 2], expected[2, :, 1] = (3, 4), (5, 6)
     assert (data.reshape(4, 2, W) == expected).all()
+
+
+@pytest.mark.parametrize("left", [1e-5, 0.0])
+def test_a_bond_that_is_compressed_to_nothing_pushes_as_an_intact_one(left):
+    """Both are held at a thousandth of their length: no force is without bounds, and none is no number."""
+    bonds = Bonds(finite=True, n=1)
+    i, j = bonds.pairs[0]
+    bonds.u[:] = 0.0
+    bonds.u[j] = (left - 1.0) * bonds.xi[0]
+    found, peak, _ = bonds.by_kernel(bonds.u)
+    share = STIFFNESS[bonds.law[0], bonds.tooth[0]] * bonds.k[0]
+    phi = -1.0 / (SMALLEST_SQUARE + SMALLEST_SQUARE**0.5)
+    np.testing.assert_allclose(found[i], 2.0 * share * phi * left * bonds.xi[0], rtol=1e-4, atol=ROUNDED)
+    assert peak == pytest.approx(1.0, rel=1e-6)

@@ -7,6 +7,8 @@ import pytest
 
 import pdfem_mpi as pdfem
 from pdfem_mpi.deck.toml import parse_deck
+from support.mesh_files import write_mesh
+from support.mixed_cells import beside_crack
 
 #: A bar of 8 x 2 x 2 cells, half of them bonds with fitted factors, pulled by 3 at each end.
 BAR = """
@@ -45,6 +47,9 @@ tolerance = 1e-11
 fields = false
 figures = false
 """
+#: The same without a fit.
+ELASTIC = BAR.replace('"fitted"', '"virial"').replace('"exact"', '"paper"')
+ELASTIC = ELASTIC.replace('kind = "traction"\nface = "x+"', 'kind = "body_force"\nface = "x+"')
 LOAD, STRESS = 3.0, 0.75
 #: Residual of 1e-11 of the load, over the body.
 EQUILIBRIUM = 1e-9
@@ -53,6 +58,18 @@ PLACES = {"elements": 1.3, "overlap": 3.7, "interface": 4.0, "bonds": 5.9, "befo
 
 def cut(name, point, normal=(1.0, 0.0, 0.0)):
     return f'\n[[probes]]\nkind = "cut"\nname = "{name}"\npoint = {list(point)}\nnormal = {list(normal)}\n'
+
+
+OUTSIDE = """
+[[probes]]
+kind = "displacement"
+name = "a"
+point = [8.5, 1.0, 1.0]
+[[probes]]
+kind = "point"
+name = "b"
+point = [1.0, 1.0, -3.0]
+"""
 
 
 @pytest.fixture(scope="module")
@@ -167,6 +184,68 @@ load_factors = [0.5, 1.0]
         ]  # fmt: skip
 
 
+def test_a_line_that_misses_the_body_is_left_empty(tmp_path):
+    """No sample has a cell: stress is not known, and not 0."""
+    probe = """
+[[probes]]
+kind = "line"
+name = "beside"
+start = [-3.0, 1.0, 1.0]
+stop = [-1.0, 1.0, 1.0]
+n = 3
+fields = ["displacement", "stress"]
+"""
+    line = pdfem.run(parse_deck(ELASTIC + probe, "bar.toml"), tmp_path / "run").line("beside")
+    for column in ("u_x", "stress_xx", "stress_zx"):
+        assert len(line[column]) == 3 and np.isnan(line[column]).all()
+
+
+def test_probes_read_the_cells_that_hold_their_places(tmp_path):
+    """Above a crack of doubled nodes, in cells ten times as high as those below it."""
+    write_mesh(tmp_path / "crack.vtu", beside_crack())
+    deck = {
+        "mesh": {"kind": "file", "path": str(tmp_path / "crack.vtu"), "doubled_nodes": "crack"},
+        "material": {"youngs_modulus": 1000.0},
+        "regions": [{"name": "all", "model": "finite_elements"}],
+        "supports": [{"name": "held", "face": "y-", "x": 0.0, "y": 0.0, "z": 0.0}],
+        "loads": [{"kind": "traction", "face": "y+", "traction": [0.0, 1.0, 0.0]}],
+        "probes": [
+            {"kind": "displacement", "name": "below", "point": [0.5, -0.1, 1.0]},
+            {"kind": "displacement", "name": "above", "point": [0.5, 0.2, 1.0]},
+            {"kind": "opening", "name": "mouth", "one": [0.5, -0.1, 1.0], "two": [0.5, 0.2, 1.0]},
+            {"kind": "point", "name": "point", "point": [0.5, 0.2, 1.0]},
+            {"kind": "line", "name": "line", "start": [0.5, 0.2, 1.0], "stop": [0.5, 1.2, 1.0], "n": 6,
+             "fields": ["displacement", "stress"]},
+        ],
+        "output": {"fields": False, "figures": False},
+    }  # fmt: skip
+    folder = pdfem.run(pdfem.read_deck(deck), tmp_path / "run")
+    u, line = folder.history["above.u_y"][-1], folder.line("line")
+    assert u > 0.02 > 100.0 * abs(folder.history["below.u_y"][-1])
+    assert folder.history["mouth.opening"][-1] == pytest.approx(u - folder.history["below.u_y"][-1], rel=1e-12)
+    assert folder.summary["probes"]["point"]["displacement"][1] == pytest.approx(u, rel=1e-12)
+    # a cell's displacement is a straight line along its height, and so is the stress through its Gauss points
+    np.testing.assert_allclose(line["u_y"], u + np.linspace(0.0, line["u_y"][-1] - u, 6), rtol=1e-12)
+    assert folder.summary["probes"]["point"]["stress"][1] == pytest.approx(line["stress_yy"][0], rel=1e-12)
+    assert line["stress_yy"][0] != 0.0
+    np.testing.assert_allclose(np.diff(line["stress_yy"], n=2), 0.0, atol=1e-12)
+
+
+def test_displacements_just_outside_are_those_of_the_nearest_place(tmp_path):
+    """A chord of a curved surface lies below it; farther out than that it is refused, and stresses are at once."""
+    two = "".join(
+        f'\n[[probes]]\nkind = "displacement"\nname = "{name}"\npoint = [{x}, 1.3, 0.7]\n'
+        for name, x in (("a", 8.0), ("b", 8.2))
+    )
+    history = pdfem.run(parse_deck(ELASTIC + two, "bar.toml"), tmp_path / "run").history
+    assert history["b.u_x"][-1] == pytest.approx(history["a.u_x"][-1], rel=1e-12) != 0.0
+    for kind in ("displacement", "point"):
+        far = 8.3 if kind == "displacement" else 8.01
+        probe = f'\n[[probes]]\nkind = "{kind}"\nname = "a"\npoint = [{far}, 1.0, 1.0]\n'
+        with pytest.raises(pdfem.SceneError, match="lies outside of the body, 0"):
+            pdfem.Simulation(parse_deck(ELASTIC + probe, "bar.toml"))
+
+
 @pytest.mark.parametrize(
     ("probe", "sentence"),
     [
@@ -178,11 +257,11 @@ load_factors = [0.5, 1.0]
         ('\n[[probes]]\nkind = "set"\nname = "a"\nregion = "pd"\nfields = []\n', "probes.0.fields = [] is not a list"),
         ('\n[[probes]]\nkind = "set"\nname = "a"\nlower = [9.0, 0.0, 0.0]\nupper = [10.0, 1.0, 1.0]\n',
          "probes.0 selects no cell of the mesh"),
+        (OUTSIDE, "probes.0.point = [8.5, 1.0, 1.0] lies outside of the body, 0.5 away from it. Give a point inside of "
+                  "it or on its surface.\nprobes.1.point = [1.0, 1.0, -3.0] lies outside of the body, 3 away from it."),
     ],
 )  # fmt: skip
 def test_probes_that_meet_nothing_are_told(probe, sentence):
     with pytest.raises(pdfem.SceneError) as error:
-        pdfem.Simulation(parse_deck(BAR.replace('"fitted"', '"virial"').replace('"exact"', '"paper"')
-                                    .replace('kind = "traction"\nface = "x+"', 'kind = "body_force"\nface = "x+"')
-                                    + probe, "bar.toml"))  # fmt: skip
+        pdfem.Simulation(parse_deck(ELASTIC + probe, "bar.toml"))
     assert sentence in str(error.value)

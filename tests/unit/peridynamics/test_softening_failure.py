@@ -14,7 +14,7 @@ from pdfem_mpi.peridynamics.failure import Failure
 from pdfem_mpi.peridynamics.softening_failure import GONE
 from support.bodies import bond_list
 from support.failing import GRIPS, STRETCH, WEIGHT, failing, followed, of_bonds, strip
-from support.softening import remade, soft_strip, with_mirrors
+from support.softening import remade, soft_strip, softening_material, with_mirrors
 
 STORED = 1e-5  # stored numbers have 24 bits, and terms of both signs
 CLOSED, TANGENT_STEPS = 1e-10, 1e-4  # of the work, as in test_events
@@ -43,9 +43,10 @@ def test_brittle_decks_have_nothing_of_it():
 
 
 @pytest.mark.parametrize("kinematics", KINEMATICS)
-def test_energies_of_a_body_follow_the_teeth(kinematics):
+@pytest.mark.parametrize("softening", ["drop", "line"])
+def test_energies_of_a_body_follow_the_teeth(softening, kinematics):
     """Bond by bond: each has the stiffness of the last tooth that its stretch ever passed, and spent what is before."""
-    run = failing(soft_strip(kinematics=kinematics, **TINY))
+    run = failing(soft_strip(material=softening_material(softening=softening), kinematics=kinematics, **TINY))
     body, failure, laws = run.body, run.failure, run.failure.softened.laws
     x, i, j, k = bond_list(body)
     xi = x[j] - x[i]
@@ -53,7 +54,7 @@ def test_energies_of_a_body_follow_the_teeth(kinematics):
     unit = k * r2 if kinematics == "finite" else 0.5 * k * r2**2
     may = failure.stretch[failure.class_of[i // 4], failure.class_of[j // 4]] < UNBREAKABLE
     most = np.zeros(len(i))
-    for strain in (0.5, 1.7, 4.1, 3.0, 9.3):  # no bond at a limit
+    for strain in (0.5, 1.03, 1.7, 4.1, 3.0, 9.3):  # no bond at a limit
         pulled(run, strain * STRETCH)
         along = strain * STRETCH * xi[:, 0] * xi[:, 0]
         square = (2.0 * along + (strain * STRETCH * xi[:, 0]) ** 2) / r2
@@ -273,3 +274,15 @@ def test_opening_control_follows_softening_bonds():
     run = followed(remade(soft_strip(2.0, **EDGE), probes=(mouth,), stepping=events), 4)
     assert run.rows[-1].softened > 0 and run.body.state.program["opening"] > 0.0
     assert max(abs(row.ledger_error) for row in run.rows) <= CLOSED
+
+
+@pytest.mark.parametrize("ratio", [1.3, 3.0])
+def test_without_a_drop_bonds_go_on_at_their_first_tooth(ratio):
+    """And not where the branch begins, which is below: they would then be booked with more than they release."""
+    run = followed(soft_strip(material=softening_material(ratio, softening="line"), **EDGE, report_every=1), 12)
+    laws, stretches = run.failure.softened.laws, run.failure.stretch
+    assert set(stretches[stretches < UNBREAKABLE]) == {laws.limit[0, 0]}
+    assert run.rows[-1].softened + run.rows[-1].broken > 0
+    assert max(abs(row.ledger_error) for row in run.rows) <= CLOSED
+    released = [row.released for row in run.rows]
+    assert released == sorted(released) and released[0] >= 0.0

@@ -5,6 +5,10 @@ import pytest
 
 import pdfem_mpi as pdfem
 from pdfem_mpi.deck.toml import parse_deck
+from pdfem_mpi.mesh.hexmesh import HexMesh
+from pdfem_mpi.runs.crack_fronts import default_extension, doubtful_extensions
+from support.bodies import local_share
+from support.mesh_files import write_mesh
 
 EQUILIBRIUM = 1e-7  # of a difference of compliances: residuals of 1e-10
 
@@ -79,6 +83,68 @@ def test_half_a_body_beside_a_crack_on_its_mirror_releases_as_much(tmp_path):
         for name, scene in (("whole", whole), ("half", half))
     ]
     assert rates[1] == pytest.approx(rates[0], rel=1e-6)
+
+
+def flat_cells(folder, shape):
+    """The strip with a crack of length 3 from a mesh file, in cells of some shape."""
+    counts = [round(side / edge) for side, edge in zip((8.0, 6.0, 1.0), shape, strict=True)]
+    x, y, z = np.meshgrid(*(np.arange(n + 1.0) for n in counts), indexing="ij")
+    number = np.arange(x.size).reshape(x.shape)
+    corner = number[:-1, :-1, :-1].reshape(-1, 1)
+    steps = number[[0, 1, 1, 0, 0, 1, 1, 0], [0, 0, 1, 1, 0, 0, 1, 1], [0, 0, 0, 0, 1, 1, 1, 1]]
+    nodes = np.stack([x, y, z], axis=-1).reshape(-1, 3) * shape
+    write_mesh(folder / "flat.vtu", HexMesh(nodes, corner + steps))
+    tail = STRIP.partition("spacing = 1.0")[2].replace("LENGTH", "3.0")
+    text = f'[mesh]\nkind = "file"\npath = "{folder / "flat.vtu"}"' + tail
+    return parse_deck(text + MOVED, "flat.toml")
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected"), [((1.0, 1.0, 0.25), 1.0), ((0.5, 1.0, 1.0), 0.5), ((2.0, 1.0, 0.5), 2.0)]
+)
+def test_crack_grows_by_the_cell_along_its_direction(tmp_path, shape, expected):
+    """Half-way between the shortest and the longest edge, as it was, is no whole number of these cells."""
+    scene = flat_cells(tmp_path, shape)
+    assert default_extension(scene, local_share(scene), scene.probes[0]) == pytest.approx(expected, rel=1e-12)
+
+
+def test_rate_in_flat_cells_is_that_of_a_whole_cell(tmp_path):
+    scene = flat_cells(tmp_path, (1.0, 1.0, 0.5))
+    given = scene.probes[0].model_copy(update={"extension": 1.0})
+    rates = [
+        pdfem.run(one, tmp_path / name).summary["probes"]["tip"]["energy_release_rate"]
+        for name, one in (("left out", scene), ("given", scene.model_copy(update={"probes": (given,)})))
+    ]
+    assert rates[0] == pytest.approx(rates[1], rel=EQUILIBRIUM)
+
+
+@pytest.mark.parametrize(
+    ("extension", "words"),
+    [
+        (0.1, "extension = 0.1 is less than a cell at the front is long in that direction, 1:"),
+        (1.5, "extension = 1.5 is 1.5 cells at the front, which are 1 long in that direction:"),
+        (1.0, None), (3.0, None), (None, None),
+    ],
+)  # fmt: skip
+def test_steps_of_no_whole_number_of_cells_are_told(extension, words):
+    given = "" if extension is None else f"extension = {extension}\n"
+    text = STRIP.replace("LENGTH", "3.0").replace("[solver]", f"{given}[solver]") + PULLED
+    scene = parse_deck(text, "strip.toml")
+    found = list(doubtful_extensions(scene, local_share(scene)))
+    assert [words in sentence for sentence in found] == ([] if words is None else [True])
+
+
+def test_cubes_grow_by_their_edge_whatever_the_direction():
+    """A front along the diagonal of the cells, in a plane through it, and the edge in its bits."""
+    polygon = "[[-3.0, 3.0, -1.0], [3.0, -3.0, -1.0], [5.0, -1.0, -1.0], [-1.0, 5.0, -1.0]]"
+    before, _, after = STRIP.partition("polygon")
+    text = before + f"polygon = {polygon}\n" + after.partition("\n")[2]
+    scene = parse_deck(
+        text.replace("[2.0, 0.0, 0.0]", "[1.0, 1.0, 0.0]").replace("-1.0]", "0.5]") + PULLED, "strip.toml"
+    )
+    share = local_share(scene)
+    assert default_extension(scene, share, scene.probes[0]) == share.mesh.mean_edge
+    assert not list(doubtful_extensions(scene, share))
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,10 @@ from support.reporters import Silence
 NEAR = 0.2  # what the refusal promises
 SAMPLING = 0.03  # of bonds: 128 of some thousand cells, families from 150 to 530
 
-HALF_AS_LONG = ("mesh.lower=[-2.5, -0.2, -0.2]", "mesh.upper=[2.5, 0.2, 0.2]")
+HALF_AS_LONG = (
+    "mesh.lower=[-2.5, -0.2, -0.2]", "mesh.upper=[2.5, 0.2, 0.2]",
+    "probes.left_end.point=[-2.5, 0.0, 0.0]", "probes.right_end.point=[2.5, 0.0, 0.0]",
+)  # fmt: skip
 
 # Set-up in a process of its own: what is resident is then the scene's.
 MEASURE = """

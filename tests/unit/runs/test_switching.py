@@ -19,6 +19,7 @@ from pdfem_mpi.runs import memory_estimate, switching
 from pdfem_mpi.runs.region_notes import describe_staying
 from pdfem_mpi.solvers.convergence import NotConverged
 from pdfem_mpi.solvers.preconditioner.cycle import Cycle
+from pdfem_mpi.stepping.arrest import MOST_DRIFT
 from support.adaptive import AUTO, DRAWN, FAST, plate, rows_of
 from support.bodies import YOUNGS_MODULUS
 from support.restarts import StopAt, alone, differing, outcome
@@ -140,21 +141,53 @@ def test_a_switch_before_the_first_break_under_forces():
 
     The first region is that around a crack far from the notch, and does not hold.
     """
-    crack = Crack(polygon=((4.0, 11.0, -1.0), (4.0, 13.0, -1.0), (4.0, 13.0, 2.0), (4.0, 11.0, 2.0)))
-    held = Support(face="x-", layers=1, x=0.0, y=0.0, z=0.0)
-    loads = (Traction(kind="traction", face="x+", traction=(25.0, 0.0, 0.0)),)
-    pulled = {"supports": (held,), "loads": loads, "cracks": (crack,)}
     few = Events(kind="events", **FAST | {"end_load_factor": 0.3})
-    found, rows = Simulation(of_forces(plate(stepping=few), pulled), mpi().COMM_SELF), []
-    for row in found.steps():
+    rows = to_the_first_break(few)
+    switches = [row for row in rows if row["event"] == "switch"]
+    assert switches and all(row["relative_residual"] < 0.1 for row in switches)
+    drawn = next(Simulation(of_forces(plate(DRAWN, stepping=few), beside_a_crack()), mpi().COMM_SELF).steps())
+    assert rows[-1]["broken_bonds"] == drawn["broken_bonds"] == 0
+    assert rows[-1]["load_factor"] == pytest.approx(drawn["load_factor"], rel=OF_LOADS)
+
+
+def test_other_supports_get_a_preconditioner_of_their_own():
+    """That of the supports before was kept from where the region was found, and its grid holds what they held."""
+    simulation = Simulation(plate(), mpi().COMM_SELF)
+    assert simulation.kept_cycle is not None
+    ends = tuple(Support(face=face, layers=1, x=x) for face, x in (("x-", -0.02), ("x+", 0.02)))
+    simulation.change_loads(supports=ends)
+    assert simulation.kept_cycle is None
+    assert simulation.solve(0.1)["relative_residual"] <= 1e-8
+
+
+def test_a_load_read_after_a_switch_does_not_hang_on_the_tolerance():
+    """A stable state comes to rest on its new region before the load of the next break is read from it."""
+    loads = []
+    for tolerance in (2e-2, 1e-9):
+        rows = to_the_first_break(
+            Events(kind="events", **FAST | {"end_load_factor": 0.3, "arrest_tolerance": tolerance})
+        )
+        assert rows[-2]["event"] == "switch"
+        loads.append(rows[-1]["load_factor"])
+    assert loads[0] == pytest.approx(loads[1], rel=MOST_DRIFT)
+
+
+def to_the_first_break(stepping):
+    """Rows of a plate of which a run finds the region around the wrong crack first."""
+    simulation, rows = Simulation(of_forces(plate(stepping=stepping), beside_a_crack()), mpi().COMM_SELF), []
+    for row in simulation.steps():
         rows.append(row)
         if row["event"] == "critical":
             break
-    switches = [row for row in rows if row["event"] == "switch"]
-    assert switches and all(row["relative_residual"] < 0.1 for row in switches)
-    drawn = next(Simulation(of_forces(plate(DRAWN, stepping=few), pulled), mpi().COMM_SELF).steps())
-    assert rows[-1]["broken_bonds"] == drawn["broken_bonds"] == 0
-    assert rows[-1]["load_factor"] == pytest.approx(drawn["load_factor"], rel=OF_LOADS)
+    return rows
+
+
+def beside_a_crack():
+    """Loads, and a crack far from the notch."""
+    crack = Crack(polygon=((4.0, 11.0, -1.0), (4.0, 13.0, -1.0), (4.0, 13.0, 2.0), (4.0, 11.0, 2.0)))
+    held = Support(face="x-", layers=1, x=0.0, y=0.0, z=0.0)
+    loads = (Traction(kind="traction", face="x+", traction=(25.0, 0.0, 0.0)),)
+    return {"supports": (held,), "loads": loads, "cracks": (crack,)}
 
 
 def of_forces(scene, tables):

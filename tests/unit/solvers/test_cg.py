@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pdfem_mpi.deck.displacements import Rotation
 from pdfem_mpi.deck.loads import BodyForce, Support
 from pdfem_mpi.deck.peridynamics import Crack
 from pdfem_mpi.model.forces import Forces
@@ -116,6 +117,22 @@ def test_tolerance_below_round_off_is_named():
     """Nothing can reach 1e-16: the stagnation is told, with the residual that was reached, below 1e-10."""
     with pytest.raises(NotConverged, match=r"stagnate at a relative residual of [0-9.]+e-1[1-9]"):
         solved(make_scene((12, 2, 2), 6, solver="cg", tolerance=1e-16), "cg")
+
+
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 1.0)])
+@pytest.mark.parametrize("poissons_ratio", [0.25, 0.3])
+def test_a_body_turned_at_both_ends_comes_to_rest_without_force(axis, poissons_ratio):
+    """Its residual is compared with the rounding of its elements' forces, at bounds as low as they can be."""
+    turn = Rotation(axis=axis, point=(4.0, 1.5, 0.0), angle=0.01)
+    scene = make_scene(
+        (8, 3, 3), 4, correction="virial", loads=(), poissons_ratio=poissons_ratio, solver="cg",
+        supports=tuple(Support(face=face, rotation=turn) for face in ("x-", "x+")),
+    )  # fmt: skip
+    body, convergence = solved(scene, "cg")
+    assert convergence.residual <= 1e-6
+    internal = np.empty_like(body.state.u)
+    body.forces.evaluate_surely(body.state.u, np.zeros_like(internal), internal)
+    assert np.abs(internal).max() <= 1e-14  # model units; the largest displacement is 0.04
 
 
 def test_too_few_evaluations_are_named():

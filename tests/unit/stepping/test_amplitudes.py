@@ -143,3 +143,17 @@ def test_events_with_other_ends_are_told(settings, sentence):
 def test_events_over_time_need_linear_kinematics():
     with pytest.raises(ValueError, match="scales states with the load, which finite kinematics do not"):
         strip(kinematics="finite", stepping=events(1.0))
+
+
+def test_the_first_break_is_told_at_its_load(first):
+    """As without times: the state before the break, and not the one after it; the peak is the largest of all states."""
+    plain, along = followed(strip()), followed(strip(stepping=events(OVERSHOOT * first, 0.0, 0.8 * first)))
+    names = ("first_reaction", "first_displacement", "first_row")
+    for name in names:
+        assert along.body.state.program[name] == pytest.approx(plain.body.state.program[name], rel=1e-6)
+    whole = followed(strip(stepping=events(0.3 * first, -0.6 * first, 0.5 * first)))
+    program, turns = whole.body.state.program, [row for row in whole.rows if row.event == "turn"]
+    assert program["first_row"] == 0.0
+    assert program["peak_row"] == 2.0
+    assert program["peak"] == pytest.approx(turns[1].reaction, rel=SECANT)
+    assert program["peak_displacement"] == turns[1].displacement

@@ -9,7 +9,7 @@ from pdfem_mpi.deck.programs import Events, Ramp, Solver, Steps
 from pdfem_mpi.deck.scene import Scene
 from pdfem_mpi.deck.table import SceneError
 from pdfem_mpi.solvers.convergence import NotConverged
-from support.failing import EDGE, GRIPS, WEIGHT, failing, followed, strip
+from support.failing import CHIP, EDGE, GRIPS, WEIGHT, chipped, failing, followed, strip
 
 CLOSED = 1e-10  # of the work
 SUPERPOSED = 1e-8  # relative, of the load of the first break
@@ -102,3 +102,15 @@ def test_nothing_that_grows_is_named():
 def test_constant_loads_out_of_balance_are_named():
     with pytest.raises(SceneError, match="not in balance"):
         failing(weighed(supports=(Support(face="x-", x=-0.01), Support(face="x+", x=0.01))))
+
+
+@pytest.mark.parametrize("kinematics", ["linear", "finite"])
+def test_a_run_ends_where_all_that_grows_is_torn_off(kinematics):
+    """What stays are constant loads, which no load factor changes: the body carries nothing of what grew."""
+    still = tuple(support.model_copy(update={"x": 0.0}) for support in GRIPS)
+    scene = chipped(loads=(*CHIP, WEIGHT), kinematics=kinematics).model_copy(update={"supports": still})
+    run = followed(scene)
+    last = run.rows[-1]
+    assert (last.event, last.reaction) == ("end", 0.0)
+    assert last.broken > 0
+    assert run.body.case.constant.any()

@@ -25,6 +25,7 @@ SCENES = {
     "edge crack": {"crack": EDGE},
 }
 FEW = 12
+OVER = 1.9  # of the first break's load, with the chip torn off and nothing else broken
 TINY = {"cells": (4, 2, 1), "crack": None}
 
 
@@ -166,6 +167,19 @@ def test_end_load_factor_is_met_exactly():
     assert [(row.event, row.load_factor) for row in finite] == [("end", 0.5 * first)]
 
 
+@pytest.mark.parametrize("over", [0.5, OVER])
+def test_the_last_state_counts_as_a_peak(over):
+    """A run that ends at a load factor ends in equilibrium there, which may carry more than all before."""
+    first = followed(chipped(), 1).rows[0]
+    run = followed(chipped(end_load_factor=over * first.load_factor))
+    last, program = run.rows[-1], run.body.state.program
+    assert last.event == "end" and last.reaction == max(row.reaction for row in run.rows if row.event != "batch")
+    assert program["peak"] == pytest.approx(last.reaction, rel=EXACT)
+    assert program["peak_row"] == last.step
+    assert program["peak_displacement"] == last.displacement
+    assert program["first_row"] == (1.0 if over > 1.0 else 0.0)
+
+
 @pytest.mark.parametrize("control", ["load", "energy"])
 def test_end_reaction(control):
     """The run ends as soon as the reaction is below the fraction of the peak."""
@@ -183,6 +197,17 @@ def test_dead_loads_tear_the_body_apart():
     assert last.event == "end"
     assert np.isfinite(run.body.state.u).all()
     assert all(np.isfinite(value) for value in (last.work, last.stored, last.dissipated, last.released))
+
+
+@pytest.mark.parametrize("kinematics", ["linear", "finite"])
+def test_an_arrest_tolerance_below_the_solvers_breaks_nothing_at_first(kinematics):
+    """The first state is then relaxed further under forces: it does not run away, and breaks at its own load."""
+    loads = (DEAD[1],)
+    supports = (Support(face="x-", x=0.0, y=0.0, z=0.0),)
+    scenes = (strip(loads=loads, supports=supports, arrest_tolerance=t, kinematics=kinematics) for t in (1e-4, 1e-10))
+    usual, tight = (followed(scene, 1).rows[0] for scene in scenes)
+    assert (tight.event, tight.broken) == (usual.event, usual.broken) == ("critical", 0)
+    assert tight.load_factor == pytest.approx(usual.load_factor, rel=BRACKETED)
 
 
 @pytest.mark.parametrize("kinematics", ["linear", "finite"])
@@ -321,7 +346,7 @@ def test_a_part_that_stays_out_of_equilibrium_is_told_with_its_place(monkeypatch
     books.step[:] = state.u
     monkeypatch.setattr(avalanche, "find_rest", lambda ledger: False)
     with pytest.raises(NotConverged, match=r"stagnates at 211, .* Still moving: \d+ points from \(.*\) to \(.*\) move"):
-        books._refuse_stagnation(211.0)
+        avalanche._refuse_stagnation(books.ledger, books.step, 211.0)
 
 
 @pytest.mark.parametrize("breaks_down", [False, True], ids=["newton", "relaxation"])
@@ -345,7 +370,7 @@ def test_what_stagnates_comes_to_rest_with_closed_books(options, breaks_down, mo
 
     before, program = difference(), dict(state.program)
     assert program["relative"] > 10.0 * run.body.scene.stepping.arrest_tolerance
-    Avalanche(books)._refuse_stagnation(program["relative"])
+    avalanche._refuse_stagnation(books, np.zeros_like(state.u), program["relative"])
     assert state.program["relative"] <= run.body.scene.stepping.arrest_tolerance
     assert state.program["released"] > program["released"]
     assert difference() == pytest.approx(before, abs=1e-12 * abs(books.stored()) + 1e-12 * abs(before))
