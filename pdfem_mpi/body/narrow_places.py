@@ -104,6 +104,13 @@ def _on_line(whole: Discretization, entry: Any, where: str):
     else:
         of_nodes, points, of_points = share_line(mesh, on, whole.carries, free, entry.line, near)
     nodes = np.flatnonzero(on & whole.carries)
+    if not len(nodes) and not len(points):
+        raise SceneError(
+            [
+                f"{where}.line has no peridynamic point along it: in bonds a line runs along edges or diagonals of "
+                'cells. Turn it, or use a box with of = "nodes".'
+            ]
+        )
     points = np.column_stack([mesh.cell_id[points[:, 0]], points[:, 1]])
     return mesh.node_id[nodes], of_nodes[nodes], points, of_points
 

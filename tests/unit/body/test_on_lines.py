@@ -133,3 +133,13 @@ def test_two_bodies_with_other_cells_on_a_line_share_it(of_bonds):
         np.testing.assert_allclose(of_nodes[:36][on[:36]].sum(), 32.0)
     assert (len(points) > 0) == (len(of_bonds) == 2)
     assert not of_nodes[~carries].any()
+
+
+def test_a_line_that_is_along_no_edge_and_no_diagonal_of_bonds_is_told():
+    """It meets nodes, which bonds have not. A diagonal of cells serves, and so does the same line in elements."""
+    oblique = ((0.0, 0.0, 2.0), (4.0, 2.0, 2.0))
+    scene = scene_of((4, 4, 2), 0, loads=(Force(kind="force", line=oblique, total=(0.0, 0.0, 1.0)),))
+    chosen = select_places(scene, discretize(scene))
+    assert "loads.0.line has no peridynamic point along it" in chosen.problems["loads"][0][0]
+    assert along(((0.0, 0.0, 2.0), (4.0, 4.0, 2.0)), (4, 4, 2))[2] == 0
+    assert along(oblique, (4, 4, 2), n_elements=4)[2] == 3
