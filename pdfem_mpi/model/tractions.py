@@ -12,6 +12,7 @@ from pdfem_mpi.body.selection import ChosenFaces
 from pdfem_mpi.body.share import Share
 from pdfem_mpi.deck.loads import Pressure, Traction
 from pdfem_mpi.deck.table import SceneError
+from pdfem_mpi.kernels.dense import lengths
 
 #: Faces are flat whose normals turn by less than this; they keep one normal.
 FLAT = 1e-10
@@ -52,7 +53,7 @@ def _integrate(corners: np.ndarray) -> _Faces:
             along_r += _FACE_NODES[a, 0] * (1 + _FACE_NODES[a, 1] * s) / 4 * corners[:, a]
             along_s += _FACE_NODES[a, 1] * (1 + _FACE_NODES[a, 0] * r) / 4 * corners[:, a]
         normal = np.cross(along_r, along_s)
-        area = np.sqrt(normal[:, 0] ** 2 + normal[:, 1] ** 2 + normal[:, 2] ** 2)
+        area = lengths(normal)
         areas += area
         normals += normal
         shares += shape * area[:, None]
@@ -82,7 +83,7 @@ def traction_forces(share: Share, load: Traction | Pressure, chosen: ChosenFaces
     cells, faces = chosen.cells, chosen.nodes
     of_points = share.has_points[cells] & ~share.is_overlap[cells]
     found = _integrate(share.nodes[faces])
-    size = np.sqrt(found.normals[:, 0] ** 2 + found.normals[:, 1] ** 2 + found.normals[:, 2] ** 2)
+    size = lengths(found.normals)
     units, pressure = share.units, None
     (whole,) = share.exact_sums([found.areas[share.is_owned[cells]]]).tolist()
     if isinstance(load, Pressure):

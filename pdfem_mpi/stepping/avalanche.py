@@ -66,8 +66,8 @@ class Avalanche:
             if _is_settled(ledger, at_this_load=True) if by_load else enough:
                 program["stable"] = 1.0
                 return 0
-        if not broke and not program["fresh"]:
-            _refuse_stagnation(ledger, self.step, stalled)
+            if not program["fresh"]:
+                _refuse_stagnation(ledger, self.step, stalled)
         program["fresh"] = float(broke > 0)
         if broke:
             program["adrift"] = program["cuts"] = 0.0
@@ -96,7 +96,7 @@ class Avalanche:
         self._relax(ledger.settings.inner_iterations)
         ledger.evaluate()
         if ledger.state.program["stable"]:
-            self.relax_to_rest(looked_at=False)
+            self.relax_to_rest(anew=True)
 
     def came_apart(self) -> bool:
         """Whether the body does not carry the load any more."""
@@ -159,19 +159,18 @@ class Avalanche:
         ledger.state.program["fragments"] = ledger.state.program["fresh"] = 1.0
         return ledger.take_loads_off()
 
-    def relax_to_rest(self, looked_at: bool | None = None) -> None:
+    def relax_to_rest(self, anew: bool = False) -> None:
         """Relax until the state is in equilibrium; the table of the forces is left at it.
 
         Parameters
         ----------
-        looked_at : bool, optional
-            Whether an arrest has looked at the state; under load control one has, unless it is said here.
+        anew : bool
+            No arrest has looked at the state; under load control one has otherwise.
         """
         ledger = self.ledger
         program, tolerance = ledger.state.program, ledger.settings.arrest_tolerance
-        looked_at = ledger.settings.control == "load" if looked_at is None else looked_at
         # in finite kinematics and beside constant loads it is bracketed afterwards
-        looks = not looked_at and not ledger.finite and ledger.case.constant is None
+        looks = (anew or ledger.settings.control != "load") and not ledger.finite and ledger.case.constant is None
         while not program["apart"] and not program["adrift"]:
             if _is_settled(ledger, at_this_load=False) if looks else program["relative"] <= tolerance:
                 return
