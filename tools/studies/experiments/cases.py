@@ -194,12 +194,15 @@ PATHS = (
     ),
 )  # fmt: skip
 EXPERIMENTS = {one.name: one for one in (*TESTS, *PATHS)}
+#: The material of the paths' finer cells.
+FINE_PATH = "f_t 20"
 
 
 def cases(fine: bool) -> list[Case]:
     """What is run, cheapest first: slices at the coarse cells, then at others, and half of the thickness.
 
-    Internal lengths, other values of materials and the finer slices are compared by their peaks.
+    Internal lengths, other values of materials and the finer cells are compared by their peaks. Fine cells of the path
+    have a strength with which its process zone is as many cells long.
     """
     found = [Case(one, body=SLICE) for one in EXPERIMENTS.values()]
     found += [Case(one, body=SLICE, material=name) for one in EXPERIMENTS.values() for name in one.sets]
@@ -207,4 +210,7 @@ def cases(fine: bool) -> list[Case]:
     found += [Case(one, body=SLICE, length=OTHER, short=True) for one in TESTS]
     found += [Case(one, level=1, body=SLICE, short=True) for one in TESTS]
     found += [Case(one) for one in TESTS]
-    return found + ([Case(one, level=1) for one in EXPERIMENTS.values()] if fine else [])
+    if fine:
+        found += [Case(one, level=1, body=SLICE, material=FINE_PATH) for one in PATHS]
+        found += [Case(one, level=1, short=True) for one in TESTS]
+    return found

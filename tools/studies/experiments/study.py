@@ -1,7 +1,8 @@
 """Published experiments, run at two cell sizes and two internal lengths, and numerical references: docs/experiments.md.
 
-Each run has a folder in runs/experiments/. ``--fine`` adds the fine cells at half of the thickness; ``--only`` chooses
-by name. The page lists the rows that were not run; with ``--keep`` those of its rows stay whose runs are not here.
+Each run has a folder in runs/experiments/. ``--fine`` adds fine cells of paths, and of tests at half of the thickness;
+``--only`` chooses by name. The page lists the rows that were not run; with ``--keep`` those of its rows stay whose runs
+are not here.
 """
 
 from __future__ import annotations
@@ -189,7 +190,9 @@ def draw(experiment: Experiment, chosen: Sequence[Case]) -> None:
 def main(arguments: Sequence[str]) -> int:
     """Run what is left, fill the tables and draw the figures."""
     parser = parser_of(
-        __doc__, fine="fine cells at half of the thickness, too", keep="keep rows and figures whose runs are not here"
+        __doc__,
+        fine="fine cells of paths, and of tests at half of the thickness, too",
+        keep="keep rows and figures whose runs are not here",
     )
     options = parser.parse_args(arguments)
     everything = cases(fine=True)
