@@ -7,7 +7,7 @@ import pytest
 
 import pdfem_mpi
 from support.helpers import ROOT
-from tools.studies.experiments import cases, curves, peers, references, study
+from tools.studies.experiments import cases, curves, overview, peers, references, study
 
 DECKS = sorted(cases.DECKS.glob("*.toml"))
 #: A coarse slice of the Danish beam against a ligament of cohesive finite elements with the same curve (2,647 N); the
@@ -73,6 +73,29 @@ def test_a_test_does_not_see_a_snap_back():
     assert [*curve.rising()[0]] == [1.0, 2.0, 2.5] and [*curve.rising()[1]] == [1.0, 3.0, 1.0]
 
 
+def test_the_overview_tells_peaks_and_what_changes_them():
+    """Curves of the measured peak, times a factor of each body, cell size and length."""
+    factors = {"half": 1.03, "slice": 1.05}
+
+    def read(case):
+        if case.material or case.experiment.name not in ("danish_normal", "gregoire_half_notch"):
+            return None
+        measured = curves.read_measured(case.experiment.measured)
+        at, *loads = curves.columns(measured)
+        load = factors[case.body] * (1.0 - 0.02 * case.level) * (0.9 if case.length < 1.0 else 1.0) * loads[-1]
+        return curves.Curve(at[np.isfinite(load)], load[np.isfinite(load)], 0.0)
+
+    one, two = overview.overview_table(read)[2:]
+    assert one.startswith("| Danish beam, normal strength | +3.0 % | +5.0 % | ") and one.endswith(
+        " % | -2.0 % | -10.0 % |"
+    )
+    assert "| +3.0 % of the band's edge | +5.0 % of the band's edge |  | -2.0 % | -10.0 % |" in two
+    factors.update(half=0.95, slice=0.7)
+    _, two = overview.overview_table(read)[2:]
+    assert "| in the band | " in two and "| -1" in two.partition("in the band")[2]
+    assert overview.overview_table(lambda case: None)[2:] == []
+
+
 def test_a_path_is_measured_across():
     y = np.linspace(0.0, 10.0, 11)
     path = (0.5 * y, y)
@@ -82,7 +105,7 @@ def test_a_path_is_measured_across():
 
 def test_the_page_has_the_markers_of_the_study():
     page = (ROOT / "docs" / "experiments.md").read_text(encoding="utf-8")
-    for name in ("tests", "panel", "paths", "references", "left"):
+    for name in ("overview", "tests", "panel", "paths", "references", "left"):
         assert f"<!-- {name}: tools/studies/study experiments -->" in page and f"<!-- end of {name} -->" in page
     for one in cases.EXPERIMENTS.values():
         assert f"jobs/experiments/{one.name}.toml" in page

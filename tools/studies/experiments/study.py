@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from tools.studies.experiments.cases import EXPERIMENTS, FOLDER, PATHS, SLICE, Case, Experiment, cases
 from tools.studies.experiments.curves import Curve, inside, path_distance, read_curve, read_measured, read_path, rms
 from tools.studies.experiments.drawing import draw_loads, label_of
+from tools.studies.experiments.overview import overview_table
 from tools.studies.experiments.peers import PANEL, Outcome, panel_table
 from tools.studies.experiments.references import Reference, references
 from tools.studies.series import DOCS, Results, fill, kept, parser_of, run_deck, summary_of, table
@@ -211,6 +212,8 @@ def main(arguments: Sequence[str]) -> int:
     if options.keep:
         tables = {name: kept(lines, DOCUMENT, name, KEYS[name]) for name, lines in tables.items()}
     told = "\n".join(line for lines in tables.values() for line in lines)
+    if not (options.keep and any(read_curve(case) is None for case in cases(fine=False))):
+        tables["overview"] = overview_table(read_curve)
     fill(DOCUMENT, tables | {"left": left_table(everything, told)})
     for experiment in EXPERIMENTS.values():
         if not (options.keep and any(read_curve(case) is None for case in whole_curves(experiment))):
