@@ -48,7 +48,7 @@ class Experiment:
     path : "y", "x" or ""
         Along which axis the crack runs, where its path is drawn.
     long : bool
-        The finer slice follows the whole curve, too: the coarse cells are too few for its end.
+        The finer slice follows the whole curve, too.
     """
 
     name: str
