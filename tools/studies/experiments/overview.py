@@ -22,8 +22,8 @@ def overview_table(read: Read) -> list[str]:
         The curve of a case; None without a run.
     """
     head = [
-        "test", "peak, half of the thickness", "peak, slice", "rms of the slice's curve", "half the edge of cells",
-        f"l = {OTHER:g} cells",
+        "test", "half of the thickness", "slice", "rms along its curve", "its change with cells half as wide",
+        f"and with l = {OTHER:g} cells",
     ]  # fmt: skip
     rows = [_row(one, material, read) for one in TESTS for material in ("", *one.sets)]
     return table(head, [row for row in rows if row[2]])
@@ -54,8 +54,9 @@ def off(curve: Curve | None, measured: dict[str, np.ndarray] | None) -> str:
     if len(peaks) == 2 and peaks[0] <= peak <= peaks[1]:
         return "in the band"
     nearer = min(peaks, key=lambda load: abs(load - peak))
-    words = "" if len(peaks) == 1 else " of the band's edge"
-    return f"{100.0 * (peak / nearer - 1.0):+.1f} %{words}"
+    error = 100.0 * (peak / nearer - 1.0)
+    side = "above" if error > 0.0 else "below"
+    return f"{error:+.1f} %" if len(peaks) == 1 else f"{abs(error):.1f} % {side} the band"
 
 
 def change(other: Curve | None, one: Curve | None) -> str:
