@@ -135,8 +135,7 @@ def edge_crack(length: float, h: float = 0.05) -> Reference:
     """
     # dead loads would tear all of the strip apart past its peak, from where the load of a long crack falls slowly; the
     # first bonds that soften at its tip cost 12 %
-    settings = {"mesh.spacing": repr(h), "stepping.control": "energy"}
-    settings["stepping.end_reaction"] = "0.75" if length > 1.0 else "0.85"
+    settings = {"mesh.spacing": repr(h), "stepping.control": "energy", "stepping.end_reaction": "0.85"}
     if length:
         behind = max(0.0, round((length - BEHIND) / h) * h)
         ends = [(behind - 1.0, -1.0), (length, -1.0), (length, 1.0), (behind - 1.0, 1.0)]
