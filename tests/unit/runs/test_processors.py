@@ -19,7 +19,9 @@ from support.helpers import ROOT, outside_launcher
 from support.restarts import differing, outcome
 
 FINISHED = 0
-SKYLAKE = {"OPENBLAS_CORETYPE": "SkylakeX"}
+#: What the libraries choose here: with AVX-512 where this processor has it. To name one that it is not would end in an
+#: illegal instruction.
+ITSELF = {}
 HASWELL = {"OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": "X86_V4,AVX512_ICL,AVX512_SPR"}
 SANDYBRIDGE = {"OPENBLAS_CORETYPE": "Sandybridge", "NPY_DISABLE_CPU_FEATURES": "X86_V3,X86_V4,AVX512_ICL,AVX512_SPR"}
 #: Code for a processor without AVX-512; kernels are compiled for it once, into a cache of their own.
@@ -65,7 +67,7 @@ def run(folder, scene, processors):
 
 def test_two_processors_in_one_run(tmp_path):
     """Of all that LAPACK, BLAS and numpy choose by the processor nothing is in the results."""
-    expected = run(tmp_path / "one", SCENES["coupled"](), [SKYLAKE])
+    expected = run(tmp_path / "one", SCENES["coupled"](), [ITSELF])
     assert not differing(run(tmp_path / "two", SCENES["coupled"](), [HASWELL, SANDYBRIDGE]), expected)
 
 
@@ -73,8 +75,8 @@ def test_two_processors_in_one_run(tmp_path):
 @pytest.mark.parametrize("scene", SCENES)
 def test_processors_alone_and_mixed(tmp_path, scene):
     """One and two ranks, with kernels compiled for this processor and for one without AVX-512."""
-    mixes = [SKYLAKE], [HASWELL], [SANDYBRIDGE], [COMPILED_FOR_ANOTHER], [SKYLAKE, COMPILED_FOR_ANOTHER]
-    mixes += [SANDYBRIDGE, SKYLAKE], [HASWELL, HASWELL]
+    mixes = [ITSELF], [HASWELL], [SANDYBRIDGE], [COMPILED_FOR_ANOTHER], [ITSELF, COMPILED_FOR_ANOTHER]
+    mixes += [SANDYBRIDGE, ITSELF], [HASWELL, HASWELL]
     expected, *others = (run(tmp_path / str(k), SCENES[scene](), mix) for k, mix in enumerate(mixes))
     for mix, found in zip(mixes[1:], others, strict=True):
         assert not differing(found, expected), mix
@@ -95,6 +97,6 @@ def test_meshes_of_plates_with_a_hole():
             [sys.executable, "-c", MESHES],
             cwd=ROOT, env=outside_launcher(**processor), capture_output=True, text=True, timeout=300, check=True,
         ).stdout
-        for processor in (SKYLAKE, HASWELL, SANDYBRIDGE)
+        for processor in (ITSELF, HASWELL, SANDYBRIDGE)
     ]  # fmt: skip
     assert found[0] and found[0] == found[1] == found[2]
