@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 
-# At most 20,000 cells, and runs that 32 ranks on two cores end in minutes: long ones stop a little beyond their first
+# At most 20,000 cells, and runs that 32 ranks on two cores end in minutes: the longest stop early, beyond their first
 # broken bonds. Only what has another answer than the deck's own cells is named.
 COARSE = {
     "appendix_b_fe": ("mesh.spacing=0.16", "mesh.lower.2=-0.08", "mesh.upper.2=0.08", "mesh.lower.0=-4.96",

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from tools.studies.experiments.cases import EXPERIMENTS, FOLDER, PATHS, SLICE, Case, Experiment, cases
 from tools.studies.experiments.curves import Curve, inside, path_distance, read_curve, read_measured, read_path, rms
 from tools.studies.experiments.drawing import draw_loads, label_of
-from tools.studies.experiments.overview import overview_table
+from tools.studies.experiments.overview import off, overview_table
 from tools.studies.experiments.peers import PANEL, Outcome, panel_table
 from tools.studies.experiments.references import Reference, references
 from tools.studies.series import DOCS, Results, fill, kept, parser_of, run_deck, summary_of, table
@@ -93,21 +93,16 @@ def compared(curve: Curve, experiment: Experiment, measured) -> tuple[str, str, 
     if measured is None:
         return "missing", "", ""
     at, *loads = measured.values()
-    peak = curve.peak[0]
     if len(loads) == 2:
         # the mean specimen lies in the middle of the band
         k = max(range(len(at)), key=lambda i: loads[0][i] + loads[1][i])
-        low, high = max(loads[0]), max(loads[1])
-        middle = 0.5 * (low + high)
         good, whole = inside(curve, measured)
-        told = f"{low:,.0f} to {high:,.0f} at {at[k]:.3g}"
-        verdict = "inside" if low <= peak <= high else f"{100.0 * (peak / middle - 1.0):+.1f} % of the middle"
-        return told, verdict, f"{good} of {whole} inside"
+        told = f"{max(loads[0]):,.0f} to {max(loads[1]):,.0f} at {at[k]:.3g}"
+        return told, off(curve, measured), f"{good} of {whole} inside"
     k = int(loads[0].argmax())
-    told = f"{loads[0][k]:,.0f} at {at[k]:.3g}"
-    error = f"{100.0 * (peak / loads[0][k] - 1.0):+.1f} %"
     difference, last = rms(curve, measured)
-    return told, error, f"{100.0 * difference:.1f} % to {last:.2g}"
+    told = f"{loads[0][k]:,.0f} at {at[k]:.3g}"
+    return told, off(curve, measured), f"{100.0 * difference:.1f} % to {last:.2g}"
 
 
 def table_of(chosen: Sequence[Case]) -> list[str]:
